@@ -172,7 +172,7 @@ def test_files_that_are_no_regular_ones_are_refused_at_once(bundle, tmp_path, mo
         ("format: 2024-13-45", "month must be in 1..12"),
         ("format: [" + "1," * 1000 + "]", "policy format a list"),
         ("format: " + "x" * 9000, "policy format 'xxx"),
-        ("\n".join(f"k{i}: 1" for i in range(8000)), "policy format None"),
+        ("\n".join(f"k{i}: 1" for i in range(2000)), "policy format None"),
     ],
 )
 def test_evil_cards_are_refused_in_one_short_line(bundle, tmp_path, text, message):

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from bike_sim.course import racing_line
-from bike_sim.course.files import load_track, shipped_tracks
+from bike_sim.course.csv_line import parse_csv
+from bike_sim.course.files import load_track
+from bike_sim.course.reading import track_from_points
 from bike_sim.planning.envelope import point_mass_envelope
 from bike_sim.planning.lap_limit import lap_limit
 from bike_sim.planning.minimum_time import fastest_offsets, polygon_time, time_gradient, with_fastest_line
@@ -99,13 +101,12 @@ def test_fastest_line_on_a_ring_is_its_inner_edge(shapes):
     assert lap_limit(MACHINE, fastest.line(1.0)).lap_time < lap_limit(MACHINE, track.centre).lap_time
 
 
-# WorldSBK's best laps (2024 and 2025) and a machine that corners as theirs do. Cremona was lengthened by 66 m since.
-RECORDS = {"barcelona": 99.49, "phillip_island": 87.92, "cremona": 87.87}
+RECORD = 99.49
+"""WorldSBK's best lap in Barcelona (2024 and 2025), s, of machines that corner as this one."""
 
 
-@pytest.mark.parametrize("name", shipped_tracks())
-def test_ideal_line_is_found_in_time_is_faster_and_near_the_record(name):
-    track = load_track(name)
+def test_ideal_line_is_found_in_time_is_faster_and_near_the_record(barcelona):
+    track = barcelona
     lap_limit(MACHINE, track.centre)  # compiles
     began = time.process_time()
     track = with_fastest_line(track, MACHINE)
@@ -114,7 +115,7 @@ def test_ideal_line_is_found_in_time_is_faster_and_near_the_record(name):
     gentle = lap_limit(MACHINE, racing_line.with_ideal_line(track).line(1.0)).lap_time
     assert ideal < gentle < median
     assert ideal < median - 3.0
-    assert ideal == pytest.approx(RECORDS[name], rel=0.03)
+    assert ideal == pytest.approx(RECORD, rel=0.03)
     # Between both ends the family is between both laps.
     assert ideal < lap_limit(MACHINE, track.line(0.5)).lap_time < median
     # A line to ride: curvature without jumps.
@@ -123,7 +124,7 @@ def test_ideal_line_is_found_in_time_is_faster_and_near_the_record(name):
 
 
 def test_mirrored_circuit_has_the_mirrored_line(shapes):
-    track = shapes.track_of(load_track("cremona").centre)
+    track = track_from_points("ring", parse_csv(shapes.csv_text(shapes.ring_points())))
     mirrored = track.mirrored()
     stations, other = (racing_line.stations_of(t) for t in (track, mirrored))
     line, image = racing_line.least_curvature(stations), racing_line.least_curvature(other)

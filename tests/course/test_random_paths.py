@@ -45,7 +45,7 @@ def test_elements_lie_in_the_intervals_and_fill_them(part):
 
 
 def test_mix_is_40_40_20_and_signs_are_even():
-    elements = random_elements(np.random.default_rng(1), CURRICULUM_PATHS[3], 1_000_000.0)[1:]
+    elements = random_elements(np.random.default_rng(1), CURRICULUM_PATHS[3], 200_000.0)[1:]
     count = len(elements)
     for kind, share in ((Arc, 0.4), (Quintic, 0.4), (Line, 0.2)):
         found = sum(isinstance(e, kind) for e in elements)

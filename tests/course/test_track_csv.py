@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bike_sim.course.csv_line import CourseFileError, parse_csv
@@ -19,6 +19,7 @@ def _load(tmp_path, text: str):
     return load_track(path)
 
 
+@settings(max_examples=10)
 @given(
     count=st.integers(60, 400),
     radius=st.floats(40.0, 800.0),

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from bike_policy.contract.action import PACE, ActionColumn, ActionLayout
 from bike_policy.contract.bundle import Actor, Bundle, load_bundle
-from bike_policy.contract.reference import KEPT
 from bike_policy.planning import line_law
 from bike_policy.planning.lap_plan import (
     CLASSICAL_SETTINGS,
@@ -20,7 +19,6 @@ from bike_policy.planning.lap_plan import (
     P_SPEED,
     UNLIMITED,
     LinePlan,
-    PlannedLines,
     plan_line,
 )
 from bike_policy.planning.line_law import LineLaw
@@ -36,7 +34,6 @@ from bike_policy.planning.plan_verification import (
 )
 from bike_policy.riders.racing import PolicyBatch, verified_for
 from bike_sim.course.course import Course
-from bike_sim.course.elements import Arc
 from bike_sim.sim.batch import Batch
 from bike_sim.vehicles.superbike import Superbike
 from tests.circuits import circle, over_a_crest
@@ -239,26 +236,3 @@ def test_a_policy_is_verified_once(
 def test_a_bicycle_policy_does_not_race(panigale: Superbike) -> None:
     with pytest.raises(ValueError, match="'whipple' follows paths; it cannot race"):
         PolicyBatch(load_bundle("whipple"), panigale, PERIOD, 1)
-
-
-# --------------------------------------------------------------------------------------------------------- known lines
-
-
-def test_a_line_is_planned_once_and_forgotten_when_others_have_come() -> None:
-    asked: list[Course] = []
-
-    def plan(line: Course) -> float:
-        asked.append(line)
-        return line.length
-
-    plans = PlannedLines(plan)
-    lines = [Course.from_elements("ring", [Arc(5.0 + k, 2.0 * np.pi)], closed=True) for k in range(KEPT + 1)]
-    for line in lines[:KEPT]:
-        assert plans.of(line) == line.length
-    assert plans.of(lines[0]) == lines[0].length
-    assert len(asked) == KEPT, "once"
-    assert plans.of(lines[KEPT]) == lines[KEPT].length
-    assert [plans.of(lines[k]) for k in (0, 2)] == [lines[k].length for k in (0, 2)]
-    assert len(asked) == KEPT + 1, "what was asked for lately is kept"
-    plans.of(lines[1])
-    assert len(asked) == KEPT + 2, "what was not asked for the longest went"

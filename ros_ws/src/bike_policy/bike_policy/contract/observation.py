@@ -95,8 +95,9 @@ class Rows(NamedTuple):
     @classmethod
     def of_path(cls, state: FloatArray, look: FloatArray, preview_y: FloatArray) -> Rows:
         """Return bicycles on paths, which have neither telemetry nor limits."""
-        no_circuit = (np.repeat(array, len(state), axis=0) for array in _NO_CIRCUIT)
-        return cls(state, look, preview_y, np.zeros((len(state), 0)), *no_circuit, np.zeros(len(state), dtype=np.bool_))
+        n = len(state)
+        limits, points = (np.repeat(array, n, axis=0) for array in _NO_CIRCUIT)
+        return cls(state, look, preview_y, np.zeros((n, 0)), limits, points, np.zeros(n, dtype=np.bool_))
 
 
 _NO_CIRCUIT: Final = (np.zeros((1, 8)), np.zeros((1, 3, STATIONS, 3)))
@@ -172,8 +173,7 @@ class Term:
 
     Attributes:
         unit: of its numbers before scaling, in their order; one for all if it is the same.
-        function: from a path's rows and the layout, or from `TermInputs`, to values of shape (n, size); a column of the
-            state in place of it.
+        function: from a path's rows and the layout, or from `TermInputs`, to values of shape (n, size).
         mirror: sign in the mirrored ride, of each number or of all. A function takes the layout.
         scale: value that counts as 1, of each number or of all.
         bound: largest magnitude of a scaled number.
@@ -182,7 +182,7 @@ class Term:
     """
 
     unit: str
-    function: Callable[..., FloatArray] | int
+    function: Callable[..., FloatArray]
     mirror: float | Scales | Callable[[ObservationLayout], Scales] = 1.0
     scale: float | Scales = 1.0
     bound: float = 1.0
@@ -226,7 +226,8 @@ _PREVIEW: Final = ("preview_by_time", "preview_interval", "preview_count")
 
 def _state(name: str, bound: float = math.inf) -> Term:
     """Return a term that is a number of the state."""
-    return Term(STATE[name].unit, STATE.index(name), STATE[name].mirror, bound=bound)
+    place = STATE.index(name)
+    return Term(STATE[name].unit, lambda rows, _: rows.state[:, place, None], STATE[name].mirror, bound=bound)
 
 
 PATH_TERMS: Final[Mapping[str, Term]] = {
@@ -538,23 +539,13 @@ class ObservationLayout:
         return bounds * np.abs(self.gains)
 
     @cached_property
-    def _columns(self) -> tuple[list[int], list[int]]:
-        """Places of the numbers that are columns of the state, and those columns, for one gather a step."""
-        plain = [
-            (i, TERMS[name].function) for i, name in enumerate(self.terms) if isinstance(TERMS[name].function, int)
-        ]
-        return [self.places[self.terms[i]].start for i, _ in plain], [int(column) for _, column in plain]  # type: ignore[arg-type]
-
-    @cached_property
     def _computed(self) -> tuple[tuple[slice, Callable[..., FloatArray], FloatArray | None], ...]:
-        """Of each other term its place, function and scales, where they are not all 1."""
-        found = []
-        for name in self.terms:
-            term = TERMS[name]
-            if not isinstance(term.function, int):
-                scale = np.asarray(term.scale)
-                found.append((self.places[name], term.function, None if (scale == 1.0).all() else scale))
-        return tuple(found)
+        """Of each term its place, function and scales, where they are not all 1."""
+        scales = {name: np.asarray(TERMS[name].scale) for name in self.terms}
+        return tuple(
+            (self.places[name], TERMS[name].function, None if (scale == 1.0).all() else scale)
+            for name, scale in scales.items()
+        )
 
     def observe(self, rows: VehicleRows, memory: RideMemory | None = None) -> NDArray[np.float32]:
         """Return the observations of vehicles, within their bounds, shape (n, size).
@@ -563,14 +554,10 @@ class ObservationLayout:
             rows: of the vehicles; of a path with exactly the preview that the layout takes.
             memory: of their rides; None for paths.
         """
-        state = rows.state
-        seen = np.empty((len(state), self.size))
+        seen = np.empty((len(rows.state), self.size))
         inputs: tuple[Any, ...] = (rows, self)
         if memory is not None:
             inputs = (TermInputs(rows, memory, self, np.maximum(rows.look[:, SPEED], LEAST_SPEED)),)
-        places, columns = self._columns
-        if places:
-            seen[:, places] = state[:, columns]
         for place, function, scale in self._computed:
             values = function(*inputs)
             seen[:, place] = values if scale is None else values / scale

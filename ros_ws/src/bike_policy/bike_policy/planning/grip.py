@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -19,7 +20,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bike_policy.contract.observation import VehicleRows
-from bike_policy.planning.lap_plan import P_FASTER, LinePlan, PlannedLines, Planner, RiderSettings, plan_line
+from bike_policy.contract.reference import KEPT
+from bike_policy.planning.lap_plan import P_FASTER, LinePlan, Planner, RiderSettings, plan_line
 from bike_policy.planning.line_law import KNOWN, PROGRESS, SEEN, SPEED, LineLaw, seen_of
 from bike_policy.planning.plan_verification import verified_plan
 from bike_sim.course.course import Course
@@ -135,19 +137,19 @@ class AdaptiveLaw:
         self.grip, self.variance = np.ones(count), np.full(count, FIRST_ERROR**2)
         self.law = LineLaw(vehicle, period, settings, count)
         self._settings, self._limits = settings, envelope(vehicle)
-        self._planned = PlannedLines(lambda line: GripPlans(vehicle, line, settings, plan(line)))
+        self._planned = lru_cache(maxsize=KEPT)(lambda line: GripPlans(vehicle, line, settings, plan(line)))
         self._plans: dict[int, GripPlans] = {}
         self._level, self._part = np.ones(count), np.full(count, -1)
         self._parts = np.ones(count, dtype=np.int64)
         self._lap: FloatArray = np.full((count, 1), np.inf)
 
     def plans(self, line: Course) -> GripPlans:
-        """Return the plans of a line.
+        """Return the plans of a line, made once for the same object.
 
         Raises:
             ValueError: the line is open.
         """
-        return self._planned.of(line)
+        return self._planned(line)
 
     def begin(self, row: int, rows: VehicleRows | None, line: Course) -> None:
         """Begin a ride of a line, knowing nothing of its grip; see `BatchRider`.
@@ -155,7 +157,7 @@ class AdaptiveLaw:
         Raises:
             ValueError: the line is open.
         """
-        plans = self._plans[row] = self._planned.of(line)
+        plans = self._plans[row] = self._planned(line)
         self.law.begin(row, plans.on(1.0))
         self.grip[row], self.variance[row] = 1.0, FIRST_ERROR**2
         if plans.parts > self._lap.shape[1]:

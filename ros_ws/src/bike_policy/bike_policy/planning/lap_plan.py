@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final, Generic, NamedTuple, TypeVar
+from functools import lru_cache
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,6 @@ from bike_sim.schema import Quantity, Schema
 from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
-PlanT = TypeVar("PlanT")
 
 PLAN: Final = Schema(
     (
@@ -243,33 +243,12 @@ Planner = Callable[[Course], LinePlan]
 """Plans a lap of a closed line."""
 
 
-class PlannedLines(Generic[PlanT]):
-    """Plans of the lines that were asked for last; those not asked for the longest are forgotten."""
-
-    def __init__(self, plan: Callable[[Course], PlanT]) -> None:
-        """Take who plans."""
-        self._plan = plan
-        self._known: dict[int, tuple[Course, PlanT]] = {}
-
-    def of(self, line: Course) -> PlanT:
-        """Return the plan of a line, of the very object that was planned before or a new one.
-
-        Raises:
-            ValueError: as who plans does.
-        """
-        # By identity: whoever hands out lines hands out the same again; keeping one keeps its id from being reused.
-        known = self._known.pop(id(line), None) or (line, self._plan(line))
-        self._known[id(line)] = known
-        if len(self._known) > KEPT:
-            del self._known[next(iter(self._known))]
-        return known[1]
-
-
-def references_of(vehicle: Superbike) -> PlannedLines[Reference]:
+def references_of(vehicle: Superbike) -> Callable[[Course], Reference]:
     """Return references of a machine by line, each planned once."""
 
+    @lru_cache(maxsize=KEPT)
     def reference(line: Course) -> Reference:
         profile = plan_lap(vehicle, line, REFERENCE)
         return Reference(float(profile.s[1]), smooth_curvature(profile, REFERENCE.smoothing), profile.speed)
 
-    return PlannedLines(reference)
+    return reference

@@ -124,7 +124,7 @@ class RaceInterface:
         Raises:
             ValueError: the line is open.
         """
-        self._planned.of(line)
+        self._planned(line)
         if self._guide is not None:
             self._guide.plans(line).solve()
 
@@ -143,7 +143,7 @@ class RaceInterface:
         """
         if self._guide is not None:
             self._guide.begin(row, rows, line)
-        self.references.begin(row, self._planned.of(line), self._layout.share if share is None else share, cap)
+        self.references.begin(row, self._planned(line), self._layout.share if share is None else share, cap)
         memory, state = self.memory, rows.state[row]
         memory.rolls[row], memory.steers[row], memory.actions[row] = state[ROLL], state[STEER], 0.0
 

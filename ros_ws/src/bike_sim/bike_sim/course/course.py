@@ -52,9 +52,9 @@ def check_columns(owner: str, size: int, columns: Mapping[str, FloatArray | None
             raise ValueError(f"{owner}: {label} is {column[row]} at sample {row}")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Course:
-    """Line in the map frame, uniform in arc length.
+    """Line in the map frame, uniform in arc length; equal to itself alone, so that plans of it can be looked up.
 
     Attributes:
         name: name for people and files.

@@ -42,6 +42,7 @@ from bike_sim.documents import DocumentError, check_name, check_text, read_text,
 FloatArray = NDArray[np.float64]
 Made = TypeVar("Made")
 Reader = Callable[[Any, str], Any]
+Forms = Mapping[str, Reader]
 
 MAX_PARTS: Final = 200
 MAX_SEED: Final = 2**62
@@ -55,7 +56,7 @@ def check_keys(where: str, found: Mapping[Any, Any], known: tuple[str, ...]) -> 
 
 
 def record(
-    value: Any, where: str, make: Callable[..., Made], defaults: Mapping[str, Any] | None = None, **forms: Reader
+    value: Any, where: str, make: Callable[..., Made], forms: Forms, defaults: Mapping[str, Any] | None = None
 ) -> Made:
     """Return what is made of the values of a mapping, in the order of its keys.
 
@@ -63,8 +64,8 @@ def record(
         value: the mapping.
         where: it stands.
         make: of the values, as arguments.
-        defaults: values of keys that may be left out.
         forms: reader of each key's value.
+        defaults: values of keys that may be left out.
     """
     defaults = defaults or {}
     if not isinstance(value, dict):
@@ -137,8 +138,8 @@ def coordinate(value: Any, where: str) -> float:
 
 def start_of(document: Mapping[str, Any]) -> tuple[float, float, float]:
     """Return x, y, heading of a beginning (m, m, rad)."""
-    forms: dict[str, Reader] = {"x_m": coordinate, "y_m": coordinate, "heading_deg": angle}
-    return record(document.get("start", {}), "start", lambda *pose: pose, dict.fromkeys(forms, 0.0), **forms)
+    forms: Forms = {"x_m": coordinate, "y_m": coordinate, "heading_deg": angle}
+    return record(document.get("start", {}), "start", lambda *pose: pose, forms, dict.fromkeys(forms, 0.0))
 
 
 def name_of(found: Mapping[str, Any], key: str, default: str, where: str = "") -> str:
@@ -272,8 +273,8 @@ def _elements(entries: Any) -> tuple[list[Element], list[str] | None]:
 
 _ELEMENTS: Final[Mapping[str, Reader]] = {
     "line": lambda value, where: made(where, Line, length(value, where)),
-    "arc": partial(record, make=Arc, radius_m=length, angle_deg=angle),
-    "quintic": partial(record, make=Quintic, length_m=length, width_m=length),
+    "arc": partial(record, make=Arc, forms={"radius_m": length, "angle_deg": angle}),
+    "quintic": partial(record, make=Quintic, forms={"length_m": length, "width_m": length}),
 }
 
 TRACK_FORMAT = "bike.track/1"
@@ -377,7 +378,8 @@ def track_from_document(document: Mapping[str, Any], path: Path) -> Track:
     check_limits(centre)
     run_off = RunOff()
     if "run_off_m" in document:
-        run_off = record(document["run_off_m"], "run_off_m", RunOff, straight=length, inside=length, outside=length)
+        forms = dict.fromkeys(("straight", "inside", "outside"), length)
+        run_off = record(document["run_off_m"], "run_off_m", RunOff, forms)
     left, right = wall_distances(centre, run_off)
     elevation = _elevation(document.get("elevation_m"), s)
     description = check_text(document["description"], "description") if "description" in document else name
@@ -399,7 +401,7 @@ def _pieces(entries: Any) -> list[Piece]:
             pieces.append(made(where, Piece, length(entry["straight_m"], f"{where}: straight_m")))
             continue
         turn = partial(Piece, corner=name_of(entry, "corner", "", f"{where}: "))
-        piece = record(entry["arc"], f"{where}: arc", turn, length_m=length, angle_deg=angle)
+        piece = record(entry["arc"], f"{where}: arc", turn, {"length_m": length, "angle_deg": angle})
         if piece.angle == 0.0:
             raise CourseFileError(f"{where}: angle_deg of an arc must not be 0")
         pieces.append(piece)
@@ -473,29 +475,29 @@ def _surface(document: Mapping[str, Any], s: FloatArray) -> RoadSurface:
             raise CourseFileError(f"{where} is {found:g}, and must be 0 to the length of {s[-1]:.0f} m")
         return found
 
-    def parts(key: str, make: Callable[..., Made], **forms: Reader) -> tuple[Made, ...]:
+    def parts(key: str, make: Callable[..., Made], forms: Forms) -> tuple[Made, ...]:
         entries = document.get(key, [])
         if not isinstance(entries, list) or len(entries) > MAX_PARTS:
             raise CourseFileError(f"{key} must be a list of at most {MAX_PARTS} parts")
         forms = {"from_m": place, "to_m": place, **forms}
-        return tuple(record(entry, f"{key}: part {n}", make, **forms) for n, entry in enumerate(entries, start=1))
+        return tuple(record(entry, f"{key}: part {n}", make, forms) for n, entry in enumerate(entries, start=1))
 
     density, bumps_seed = _bumps(document["bumps"]) if "bumps" in document else (0.0, 0)
     wind, walls = Wind(), Walls()
     if "wind" in document:
-        forms: dict[str, Reader] = {"speed_m_s": number, "towards_deg": angle, "gusts": number, "seed": seed}
-        wind = record(document["wind"], "wind", Wind, **forms)
+        forms = {"speed_m_s": number, "towards_deg": angle, "gusts": number, "seed": seed}
+        wind = record(document["wind"], "wind", Wind, forms)
     if "walls" in document:
         usual = {"friction": walls.friction, "restitution": walls.restitution, "hit_m_s": walls.hit}
-        walls = record(document["walls"], "walls", Walls, usual, **dict.fromkeys(usual, number))
+        walls = record(document["walls"], "walls", Walls, dict.fromkeys(usual, number), usual)
     sides = partial(one_of, {side: side for side in SIDES})
     kinds = partial(one_of, {kind.name.lower(): kind for kind in RunOffKind})
     return RoadSurface(
         _bank(document.get("banking_deg"), s),
         density,
         bumps_seed,
-        parts("wet", WetPatch, grip=number),
-        parts("run_off_kinds", RunOffPart, side=sides, kind=kinds),
+        parts("wet", WetPatch, {"grip": number}),
+        parts("run_off_kinds", RunOffPart, {"side": sides, "kind": kinds}),
         wind,
         walls,
     )
@@ -512,5 +514,5 @@ def _bumps(value: Any) -> tuple[float, int]:
     """Return density (m3) and seed of bumps."""
     if not isinstance(value, dict) or ("class" in value) == ("density_m3" in value):
         raise CourseFileError(f"bumps must be a mapping with seed and either class or density_m3, got {show(value)}")
-    forms: dict[str, Reader] = {"class": partial(one_of, CLASSES)} if "class" in value else {"density_m3": _density}
-    return record(value, "bumps", lambda density, drawn: (density, drawn), **forms, seed=seed)
+    forms: Forms = {"class": partial(one_of, CLASSES)} if "class" in value else {"density_m3": _density}
+    return record(value, "bumps", lambda density, drawn: (density, drawn), {**forms, "seed": seed})
