@@ -225,14 +225,6 @@ def test_overspeed_is_beyond_the_share_and_the_limit(start):
     assert terms["slow"] < -10.0 * 3 * PERIOD
 
 
-def test_a_limiter_closes_the_throttle_beyond_the_speed_asked(start):
-    row, _, _ = start
-    for task, throttle in ((replace(TASK, limiter=True), 0.0), (TASK, 0.9)):
-        rides = rides_of(start, task, RaceContext(v_max=30.0))
-        rides.act(row, np.array([[0.3, 0.9]]))
-        np.testing.assert_array_equal(rides.commands(row), [[0.3 * task.lean_scale, throttle]])
-
-
 @given(a=st.floats(-0.3, 0.3), b=st.floats(-0.3, 0.3))
 def test_the_history_penalty_counts_swings_only(a, b):
     penalty = float(history_penalty(np.array([[a, b]]))[0])

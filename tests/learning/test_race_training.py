@@ -18,8 +18,6 @@ from bike_training.curricula.race import (
     CircuitSet,
     RaceCurriculum,
     RaceCurriculumSettings,
-    SpeedCurriculum,
-    SpeedSettings,
 )
 from bike_training.curricula.spdl import (
     FIRST_MEAN,
@@ -171,21 +169,6 @@ def test_validations_ride_some_of_many_circuits(circuits: Circuits) -> None:
     assert compared == curriculum.selection_requests(preview)
     assert [request.course for request in compared] == ["barcelona"] * 16 + ["cremona"] * 16
     assert len(RaceCurriculum(circuits).selection_requests(preview)) == 32
-
-
-def test_the_share_of_the_speed_rises_while_episodes_stay_whole(circuits: Circuits) -> None:
-    curriculum = SpeedCurriculum(circuits, SpeedSettings(share=0.7))
-    request = curriculum.episodes(0).draw(np.random.default_rng(0), RaceTask().preview)
-    for _ in range(200):
-        curriculum.ended(ended(request, failed=True))
-    assert (curriculum.share, curriculum.part, curriculum.may_validate(0)) == (0.6, 1, False)
-    for _ in range(250):
-        curriculum.ended(ended(request))
-    assert curriculum.share == pytest.approx(0.7)
-    assert curriculum.may_validate(0)
-    other = SpeedCurriculum(circuits, SpeedSettings(share=0.7))
-    other.restore(curriculum.state_dict())
-    assert other.state_dict()["share"] == curriculum.share
 
 
 PACED = SpdlSettings(spread=0.1, failure_share=0.5, threshold=1.0, kl=1.0, iteration=10)

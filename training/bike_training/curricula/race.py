@@ -1,7 +1,7 @@
 """Episodes of races: starts along circuits, more often where rides fail.
 
-Two curricula: `RaceCurriculum` asks the same of every episode; `SpeedCurriculum` a share of the planned speed that
-rises while episodes stay whole. The self-paced one is in `spdl.py`. All are the distribution of their episodes.
+`RaceCurriculum` asks the same of every episode; the self-paced one is in `spdl.py`. Both are the distribution of their
+episodes.
 """
 
 from __future__ import annotations
@@ -144,14 +144,12 @@ class RaceCurriculum(Curriculum):
 
     Attributes:
         circuits: that are ridden.
-        share: part of the planned speed that is asked now.
         failures: how often rides failed lately in each section of each circuit.
     """
 
     def __init__(self, circuits: CircuitSet, settings: RaceCurriculumSettings | None = None) -> None:
         """Begin without failures."""
         self.circuits, self.settings = circuits, settings or RaceCurriculumSettings()
-        self.share = self.settings.share
         self.failures = {name: np.zeros(math.ceil(circuits.length(name) / BIN)) for name in circuits.names}
 
     def episodes(self, step: int) -> RaceCurriculum:
@@ -160,7 +158,7 @@ class RaceCurriculum(Curriculum):
 
     def context(self, rng: np.random.Generator) -> RaceContext:
         """Draw what an episode asks."""
-        return RaceContext(share=self.share + self.settings.spread * float(rng.uniform(-1.0, 1.0)))
+        return RaceContext(share=self.settings.share + self.settings.spread * float(rng.uniform(-1.0, 1.0)))
 
     def line(self, context: RaceContext) -> float:
         """Return which line is followed."""
@@ -250,10 +248,6 @@ class RaceCurriculum(Curriculum):
         if episode.failed:
             count[int(episode.progress % self.circuits.length(name) / BIN) % len(count)] += 1.0
 
-    def figures(self) -> dict[str, float]:
-        """Return the share of the planned speed that is asked."""
-        return {"share": self.share}
-
     def state_dict(self) -> dict[str, Any]:
         """Return where it stands."""
         return {**super().state_dict(), "failures": {name: count.copy() for name, count in self.failures.items()}}
@@ -263,66 +257,3 @@ class RaceCurriculum(Curriculum):
         super().restore(stored)
         for name, count in self.failures.items():
             count[:] = stored["failures"][name]
-
-
-WHOLE_SHARE: Final = 0.9
-"""The share rises when so many of the last episodes were whole."""
-
-
-RISE: Final = 0.05
-"""By which the share rises."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SpeedSettings(RaceCurriculumSettings):
-    """Settings of the curriculum whose share of the planned speed rises.
-
-    Attributes:
-        curriculum: ``speed``.
-        first_share: share at the beginning.
-        counted: episodes that must have been ridden with a share, WHOLE_SHARE of them whole, before it rises.
-    """
-
-    limits: ClassVar = {**RaceCurriculumSettings.limits, "first_share": POSITIVE, "counted": AT_LEAST_1}
-
-    curriculum: str = "speed"
-    first_share: float = 0.6
-    counted: int = 100
-
-    def make(self, vehicles: Sequence[Vehicle]) -> SpeedCurriculum:
-        """Return the curriculum at its beginning."""
-        return SpeedCurriculum(CircuitSet(vehicles, self.circuits), self)
-
-
-class SpeedCurriculum(RaceCurriculum):
-    """A share of the planned speed that rises while episodes stay whole."""
-
-    def __init__(self, circuits: CircuitSet, settings: SpeedSettings | None = None) -> None:
-        """Begin slowly."""
-        settings = settings or SpeedSettings()
-        super().__init__(circuits, settings)
-        self.share, self._counted = settings.first_share, settings.counted
-        self._lately: list[bool] = []
-
-    def ended(self, episode: EndedEpisode) -> None:
-        """Count whole episodes and raise the share."""
-        super().ended(episode)
-        self._lately = [*self._lately, not episode.failed][-self._counted :]
-        enough = len(self._lately) == self._counted and sum(self._lately) >= WHOLE_SHARE * self._counted
-        if enough and self.share < self.settings.share:
-            self.share = min(self.settings.share, self.share + RISE)
-            self.part += 1
-            self._lately = []
-
-    def may_validate(self, step: int) -> bool:
-        """Return whether all of the speed is asked."""
-        return self.share >= self.settings.share
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return where it stands."""
-        return {**super().state_dict(), "share": self.share, "lately": list(self._lately)}
-
-    def restore(self, stored: dict[str, Any]) -> None:
-        """Continue."""
-        super().restore(stored)
-        self.share, self._lately = stored["share"], list(stored["lately"])

@@ -14,7 +14,7 @@ from bike_policy.contract.observation import ObservationLayout
 from bike_sim.documents import DocumentError, alternatives, check_name, parse_yaml, read_text, show
 from bike_training.curricula.base import CurriculumSettings
 from bike_training.curricula.parts import PartsSettings
-from bike_training.curricula.race import RaceCurriculumSettings, SpeedSettings
+from bike_training.curricula.race import RaceCurriculumSettings
 from bike_training.curricula.spdl import ScheduleSettings, SpdlSettings, TargetSettings
 from bike_training.settings import (
     AT_LEAST_0,
@@ -181,16 +181,15 @@ def _check_layers(layers: tuple[int, ...]) -> None:
         raise ValueError(f"setting learner.layers={layers!r} must be sizes of at least 1")
 
 
-RACE_CURRICULA: Final[Mapping[str, type[Any]]] = {
-    "none": RaceCurriculumSettings,
-    "speed": SpeedSettings,
-    "spdl": SpdlSettings,
-    "target": TargetSettings,
-    "schedule": ScheduleSettings,
-}
 KINDS: Final[Mapping[str, Mapping[str, type[Any]]]] = {
     "task": {**dict.fromkeys(TASKS, PathTask), "race": RaceTask},
-    "curriculum": {"parts": PartsSettings, **RACE_CURRICULA},
+    "curriculum": {
+        "parts": PartsSettings,
+        "none": RaceCurriculumSettings,
+        "spdl": SpdlSettings,
+        "target": TargetSettings,
+        "schedule": ScheduleSettings,
+    },
     "learner": {"sb3": SacSettings, "sbx": SacSettings, "gradients": GradientSettings},
 }
 """Records by place and by the name of their kind, which they hold under the name of their place."""

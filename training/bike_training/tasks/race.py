@@ -168,7 +168,6 @@ class RaceTask(Task):
         off_track_time: penalty timer, s: time with both contact points outside that ends an episode.
         wrong_way_time: the same for heading the wrong way, s.
         stalled_time: the same for hardly moving, s.
-        limiter: whether a speed limit cuts the throttle instead of being penalised alone.
         validation_duration: of a validation ride, s.
         disturbances: names or files of what is ridden in place of the machine that is known; rows take them in turn.
     """
@@ -196,7 +195,6 @@ class RaceTask(Task):
     off_track_time: float = 1.0
     wrong_way_time: float = 1.0
     stalled_time: float = 2.0
-    limiter: bool = False
     validation_duration: float = 120.0
     disturbances: tuple[str, ...] = ()
 
@@ -344,13 +342,8 @@ class RaceState(TaskState):
         self._signals.effort = np.sum(now**2, axis=1)
 
     def commands(self, rows: VehicleRows) -> FloatArray:
-        """Return commands, with the throttle closed beyond the speed asked where the task has a limiter."""
-        commands = self.interface.commands(rows)
-        if self._task.limiter:
-            _, asked = self.interface.references.at(rows.look[:, lk.PROGRESS])
-            closed = np.minimum(commands[:, 1], 0.0)
-            commands[:, 1] = np.where(rows.look[:, lk.SPEED] > asked, closed, commands[:, 1])
-        return commands
+        """Return the commands of a control period."""
+        return self.interface.commands(rows)
 
     def advance(self, rows: VehicleRows) -> None:
         """Add a control period."""
