@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from bike_sim.vehicles.parameters import (
     VehicleError,
-    check_format,
     check_numbers,
     number,
     positive,
@@ -207,7 +206,6 @@ def bicycle_from_document(document: Any, origin: str) -> Vehicle:
     Raises:
         VehicleError: a key is missing or unknown, or a value is invalid.
     """
-    check_format(document, origin)
     file = read_record(BicycleFile, document, origin)
     drive = file.steering_drive
     return Vehicle(

@@ -21,7 +21,7 @@ from bike_sim.documents import (
 )
 from bike_sim.vehicles.bicycle import BicycleFile, Vehicle, bicycle_from_document
 from bike_sim.vehicles.magic_formula import coefficients_of_tir
-from bike_sim.vehicles.parameters import VehicleError, explained
+from bike_sim.vehicles.parameters import FORMAT, VehicleError, explained
 from bike_sim.vehicles.superbike import Superbike, SuperbikeFile, superbike_from_document
 
 SHIPPED: Final = resources.files("bike_sim") / "config" / "vehicles"
@@ -206,6 +206,8 @@ def vehicle_from_document(document: Any, origin: str) -> Vehicle:
             f"vehicle '{origin}': unknown type {show(kind)}; there is 'superbike', and a bicycle has none"
         )
     try:
+        if isinstance(document, dict) and document.get("format", FORMAT) != FORMAT:
+            raise VehicleError(f"vehicle '{origin}': format is '{document['format']}', this version reads '{FORMAT}'")
         vehicle = (superbike_from_document if kind else bicycle_from_document)(document, origin)
         # Of the document: the vehicle has them as text already.
         check_name(document["name"], "name")

@@ -28,7 +28,7 @@ UNIT_RANGE: Final = 0.24
 
 @dataclass(frozen=True)
 class Part:
-    """A body that hangs on a joint; inertias about its own centre of mass, z up."""
+    """A body; inertias about its own centre of mass, z up."""
 
     mass: float = field(metadata=positive("kg", "of the part"))
     x: float = field(metadata=signed("m", "centre of mass"))

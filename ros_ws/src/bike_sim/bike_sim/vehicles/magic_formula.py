@@ -2,81 +2,47 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields, make_dataclass
 from typing import Final
 
 from bike_sim.vehicles.parameters import VehicleError, positive, signed
 
+_COEFFICIENTS: Final = (
+    ("Fz0", positive("N", "nominal load")),
+    ("pCx1", signed("", "shape of the longitudinal force")),
+    ("pDx1 pDx2", signed("", "peak of the longitudinal force")),
+    ("pEx1 pEx2 pEx3 pEx4", signed("", "curvature of the longitudinal force")),
+    ("pKx1 pKx2 pKx3", signed("", "longitudinal slip stiffness")),
+    ("pCy1", signed("", "shape of the side force")),
+    ("pDy1 pDy2 pDy3", signed("", "peak of the side force")),
+    ("pEy1 pEy2 pEy4", signed("", "curvature of the side force")),
+    ("pKy1 pKy2 pKy3 pKy4 pKy5", signed("", "cornering stiffness")),
+    ("pCy2", signed("", "shape of camber's part of the side force")),
+    ("pKy6 pKy7", signed("", "camber stiffness")),
+    ("pEy5", signed("", "curvature of camber's part of the side force")),
+    ("qHz3 qHz4", signed("", "shift of the residual moment")),
+    ("qBz1 qBz2 qBz5 qBz6", signed("", "stiffness of the trail")),
+    ("qCz1", signed("", "shape of the trail")),
+    ("qDz1 qDz2 qDz3 qDz4", signed("", "peak of the trail")),
+    ("qEz1 qEz2 qEz3 qEz5", signed("", "curvature of the trail")),
+    ("qBz9 qBz10", signed("", "stiffness of the residual moment")),
+    ("qDz8 qDz9 qDz10 qDz11", signed("", "peak of the residual moment")),
+    ("rBx1 rBx2 rCx1", signed("", "longitudinal force under side slip")),
+    ("rBy1 rBy2 rBy3 rCy1", signed("", "side force under longitudinal slip")),
+    ("rc", positive("m", "radius of the crown")),
+    ("c0", positive("m/N", "relaxation length by cornering stiffness, standing")),
+    ("c1", signed("s/N", "change of it with the speed")),
+    ("c2", signed("s2/(N m)", "change of it with the square of the speed")),
+)
+"""Published names with unit and meaning; those without unit count from the nominal load."""
 
-@dataclass(frozen=True)
-class MagicFormula:
-    """A tyre's coefficients by their published names; those without unit count from the nominal load."""
-
-    Fz0: float = field(metadata=positive("N", "nominal load"))
-    pCx1: float = field(metadata=signed("", "shape of the longitudinal force"))
-    pDx1: float = field(metadata=signed("", "peak of the longitudinal force"))
-    pDx2: float = field(metadata=signed("", "peak of the longitudinal force"))
-    pEx1: float = field(metadata=signed("", "curvature of the longitudinal force"))
-    pEx2: float = field(metadata=signed("", "curvature of the longitudinal force"))
-    pEx3: float = field(metadata=signed("", "curvature of the longitudinal force"))
-    pEx4: float = field(metadata=signed("", "curvature of the longitudinal force"))
-    pKx1: float = field(metadata=signed("", "longitudinal slip stiffness"))
-    pKx2: float = field(metadata=signed("", "longitudinal slip stiffness"))
-    pKx3: float = field(metadata=signed("", "longitudinal slip stiffness"))
-    pCy1: float = field(metadata=signed("", "shape of the side force"))
-    pDy1: float = field(metadata=signed("", "peak of the side force"))
-    pDy2: float = field(metadata=signed("", "peak of the side force"))
-    pDy3: float = field(metadata=signed("", "peak of the side force"))
-    pEy1: float = field(metadata=signed("", "curvature of the side force"))
-    pEy2: float = field(metadata=signed("", "curvature of the side force"))
-    pEy4: float = field(metadata=signed("", "curvature of the side force"))
-    pKy1: float = field(metadata=signed("", "cornering stiffness"))
-    pKy2: float = field(metadata=signed("", "cornering stiffness"))
-    pKy3: float = field(metadata=signed("", "cornering stiffness"))
-    pKy4: float = field(metadata=signed("", "cornering stiffness"))
-    pKy5: float = field(metadata=signed("", "cornering stiffness"))
-    pCy2: float = field(metadata=signed("", "shape of camber's part of the side force"))
-    pKy6: float = field(metadata=signed("", "camber stiffness"))
-    pKy7: float = field(metadata=signed("", "camber stiffness"))
-    pEy5: float = field(metadata=signed("", "curvature of camber's part of the side force"))
-    qHz3: float = field(metadata=signed("", "shift of the residual moment"))
-    qHz4: float = field(metadata=signed("", "shift of the residual moment"))
-    qBz1: float = field(metadata=signed("", "stiffness of the trail"))
-    qBz2: float = field(metadata=signed("", "stiffness of the trail"))
-    qBz5: float = field(metadata=signed("", "stiffness of the trail"))
-    qBz6: float = field(metadata=signed("", "stiffness of the trail"))
-    qCz1: float = field(metadata=signed("", "shape of the trail"))
-    qDz1: float = field(metadata=signed("", "peak of the trail"))
-    qDz2: float = field(metadata=signed("", "peak of the trail"))
-    qDz3: float = field(metadata=signed("", "peak of the trail"))
-    qDz4: float = field(metadata=signed("", "peak of the trail"))
-    qEz1: float = field(metadata=signed("", "curvature of the trail"))
-    qEz2: float = field(metadata=signed("", "curvature of the trail"))
-    qEz3: float = field(metadata=signed("", "curvature of the trail"))
-    qEz5: float = field(metadata=signed("", "curvature of the trail"))
-    qBz9: float = field(metadata=signed("", "stiffness of the residual moment"))
-    qBz10: float = field(metadata=signed("", "stiffness of the residual moment"))
-    qDz8: float = field(metadata=signed("", "peak of the residual moment"))
-    qDz9: float = field(metadata=signed("", "peak of the residual moment"))
-    qDz10: float = field(metadata=signed("", "peak of the residual moment"))
-    qDz11: float = field(metadata=signed("", "peak of the residual moment"))
-    rBx1: float = field(metadata=signed("", "longitudinal force under side slip"))
-    rBx2: float = field(metadata=signed("", "longitudinal force under side slip"))
-    rCx1: float = field(metadata=signed("", "longitudinal force under side slip"))
-    rBy1: float = field(metadata=signed("", "side force under longitudinal slip"))
-    rBy2: float = field(metadata=signed("", "side force under longitudinal slip"))
-    rBy3: float = field(metadata=signed("", "side force under longitudinal slip"))
-    rCy1: float = field(metadata=signed("", "side force under longitudinal slip"))
-    rc: float = field(metadata=positive("m", "radius of the crown"))
-    c0: float = field(metadata=positive("m/N", "relaxation length by cornering stiffness, standing"))
-    c1: float = field(metadata=signed("s/N", "change of it with the speed"))
-    c2: float = field(metadata=signed("s2/(N m)", "change of it with the square of the speed"))
-
-    @property
-    def on(self) -> float:
-        """1: the tyre follows this law; 0 in the record of one without coefficients."""
-        return 1.0
-
+MagicFormula = make_dataclass(
+    "MagicFormula",
+    [(name, float, field(metadata=meaning)) for names, meaning in _COEFFICIENTS for name in names.split()],
+    frozen=True,
+    namespace={"__doc__": "A tyre's coefficients by their published names.", "__module__": __name__, "on": 1.0},
+)
+"""`on` is 1: the tyre follows this law; it is 0 in the record of one without coefficients."""
 
 _TIR_NAMES: Final = {"Fz0": "FNOMIN", "rc": "CROWN_RADIUS"}
 

@@ -156,13 +156,3 @@ def check_number(metadata: Any, value: Any, origin: str, path: str) -> None:
         raise VehicleError(f"vehicle '{origin}': {path} = {value} must be positive")
     if value < metadata["low"]:
         raise VehicleError(f"vehicle '{origin}': {path} = {value} must not be negative")
-
-
-def check_format(document: Any, origin: str) -> None:
-    """Refuse a file of another format.
-
-    Raises:
-        VehicleError: its `format` is not the one that is read.
-    """
-    if isinstance(document, dict) and document.get("format", FORMAT) != FORMAT:
-        raise VehicleError(f"vehicle '{origin}': format is '{document['format']}', this version reads '{FORMAT}'")

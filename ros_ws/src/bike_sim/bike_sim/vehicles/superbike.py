@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from bike_sim.schema import GRAVITY
 from bike_sim.vehicles.bicycle import Vehicle, VehicleFile
-from bike_sim.vehicles.joints import Joints
+from bike_sim.vehicles.joints import Joints, Part
 from bike_sim.vehicles.magic_formula import MagicFormula
-from bike_sim.vehicles.parameters import VehicleError, check_format, number, positive, read_record, signed
+from bike_sim.vehicles.parameters import VehicleError, number, positive, read_record, signed
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -67,7 +67,7 @@ class Tyre:
         default=0.0, metadata=number("", "friction falls as exp(-friction_slope (load / nominal_load - 1))")
     )
     camber_lag: float = field(default=0.0, metadata=number("", "1: camber thrust lags like that of side slip, 0: none"))
-    magic_formula: MagicFormula | None = None
+    magic_formula: MagicFormula | None = None  # type: ignore[valid-type]
 
     @property
     def sag(self) -> float:
@@ -252,22 +252,6 @@ class Electronics:
 
 
 @dataclass(frozen=True)
-class Frame:
-    """The rear frame without rider (swingarm, engine, tank with fuel); x from the rear contact, z up.
-
-    Inertias are about its own centre of mass.
-    """
-
-    mass: float = field(metadata=positive("kg", "without fork and wheels"))
-    x: float = field(metadata=number("m", "centre of mass"))
-    height: float = field(metadata=positive("m", "centre of mass"))
-    Ixx: float = field(metadata=positive("kg m2", "roll"))
-    Iyy: float = field(metadata=positive("kg m2", "pitch"))
-    Izz: float = field(metadata=positive("kg m2", "yaw"))
-    Ixz: float = field(metadata=signed("kg m2", "element xz of the inertia tensor, z up"))
-
-
-@dataclass(frozen=True)
 class Sections:
     """Sections that stand in the file as they stand in the dataclass.
 
@@ -302,11 +286,11 @@ class Superbike(Vehicle, Sections):
     `P` is 0 and `max_steer` the steering stop.
 
     Attributes:
-        frame: rear frame without rider.
+        frame: rear frame without fork, wheels and rider (swingarm, engine, tank with fuel).
         joints: compliant joints; None is a rigid machine.
     """
 
-    frame: Frame
+    frame: Part
     joints: Joints | None = None
 
     def __post_init__(self) -> None:
@@ -549,7 +533,6 @@ def superbike_from_document(document: Any, origin: str) -> Superbike:
     Raises:
         VehicleError: a key is missing or unknown, or a value is invalid.
     """
-    check_format(document, origin)
     file = read_record(SuperbikeFile, document, origin)
     geometry, bodies = file.geometry, file.bodies
     frame = _frame(geometry, bodies, origin)
@@ -587,7 +570,7 @@ def superbike_from_document(document: Any, origin: str) -> Superbike:
     )
 
 
-def _frame(geometry: _Geometry, bodies: _Bodies, origin: str) -> Frame:
+def _frame(geometry: _Geometry, bodies: _Bodies, origin: str) -> Part:
     """Return the rear frame: the standing machine less fork and wheels."""
     parts = (
         (bodies.fork_mass, bodies.fork_x, bodies.fork_height),
@@ -603,10 +586,10 @@ def _frame(geometry: _Geometry, bodies: _Bodies, origin: str) -> Frame:
     moment_x = wet * bodies.front_load_share * geometry.wheelbase - sum(part[0] * part[1] for part in parts)
     moment_z = wet * bodies.centre_height - sum(part[0] * part[2] for part in parts)
     inertia = bodies.frame_Ixx, bodies.frame_Iyy, bodies.frame_Izz, bodies.frame_Ixz
-    return Frame(mass, moment_x / mass, moment_z / mass, *inertia)
+    return Part(mass, moment_x / mass, moment_z / mass, *inertia)
 
 
-def _rear_body(frame: Frame, rider: RiderBody) -> dict[str, Any]:
+def _rear_body(frame: Part, rider: RiderBody) -> dict[str, Any]:
     """Return frame and rider as the body B of `Vehicle`, whose z points down."""
     rear = _join(frame, rider)
     return {
@@ -620,12 +603,12 @@ def _rear_body(frame: Frame, rider: RiderBody) -> dict[str, Any]:
     }
 
 
-def _join(frame: Frame, rider: RiderBody) -> Frame:
+def _join(frame: Part, rider: RiderBody) -> Part:
     """Return frame and rider as one rigid body (parallel axes)."""
     mass = frame.mass + rider.mass
     reduced = frame.mass * rider.mass / mass
     dx, dz = frame.x - rider.x, frame.height - rider.height
-    return Frame(
+    return Part(
         mass,
         (frame.mass * frame.x + rider.mass * rider.x) / mass,
         (frame.mass * frame.height + rider.mass * rider.height) / mass,
