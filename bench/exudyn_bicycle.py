@@ -20,7 +20,7 @@ import numpy as np
 from bike_sim.physics import bodies as bd
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
-from bike_sim.physics.bicycle.whipple import BicycleBase
+from bike_sim.physics.engine import BicycleEngine
 from bike_sim.physics.ground import LEVEL, Ground
 from bike_sim.physics.state import StateVector
 from bike_sim.vehicles.bicycle import Vehicle
@@ -38,7 +38,7 @@ METHODS: Final = ("trapezoidal", "generalized_alpha")
 _YAW, _ROLL, _REAR, _STEER, _FRONT = 3, 4, 6, 7, 8
 
 
-class ExudynBicycle(BicycleBase):
+class ExudynBicycle(BicycleEngine):
     """The bicycle as a kinematic tree with joint coordinates, and its solver."""
 
     def __init__(
@@ -99,10 +99,8 @@ class ExudynBicycle(BicycleBase):
         """Integrate with the set point held, in one call of the solver.
 
         Raises:
-            ValueError: the set point is not finite or the number of steps is negative.
             RuntimeError: Newton's method did not converge.
         """
-        self._check(steer_set, steps)
         self._set_drive(steer_set)
         integration = self._settings.timeIntegration
         integration.startTime = self._time

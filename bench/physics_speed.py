@@ -145,8 +145,8 @@ def accuracy(contender: Contender, vehicle: Vehicle) -> dict[str, float]:
     weave, capsize = linear.weave_speed(vehicle), linear.capsize_speed(vehicle)
     try:
         found = (
-            linear.measured_weave_speed(engine, 0.85 * weave, 1.1 * weave, 1e-4),
-            linear.measured_capsize_speed(engine, 0.85 * capsize, 1.1 * capsize, 1e-4),
+            linear.measured_speed(engine, "weave", 0.85 * weave, 1.1 * weave, 1e-4),
+            linear.measured_speed(engine, "capsize", 0.85 * capsize, 1.1 * capsize, 1e-4),
         )
     except ValueError:  # modes so wrong that there is no such speed in reach
         found = (math.nan, math.nan)

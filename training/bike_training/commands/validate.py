@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -277,10 +276,14 @@ def run_circuit(args: argparse.Namespace) -> dict[str, Any]:
         track = with_fastest_line(load_track(args.course), envelope)
         ideal, median = lap_limit(envelope, track.line(1.0)), lap_limit(envelope, track.line(0.0))
     figures = _circuit_figures(track, ideal, median)
-    console.print(_circuit_table(track, figures))
+    console.print(_table(f"{track.name}: a sound circuit", [figures | {"corners": len(track.corners)}]))
     if args.out is not None:
         path = args.out / f"{track.name}.png"
-        _draw_circuit(track, ideal, path)
+        title = (
+            f"{track.name}: {track.length:.0f} m, {track.direction}, {len(track.corners)} corners; "
+            f"{ideal.machine}: {lap_text(ideal.lap_time)}"
+        )
+        track_figure(track, track.line(1.0), ideal.s, ideal.speed, title).savefig(path, dpi=100)
         console.print(f"written: {path}")
         figures["picture"] = str(path)
     return {"schema": "bike.validate_course/1", "ok": ideal.lap_time <= median.lap_time, "figures": figures}
@@ -305,25 +308,3 @@ def _circuit_figures(track: Track, ideal: LapLimit, median: LapLimit) -> dict[st
         "median_lap_s": median.lap_time,
         "ideal_length_m": float(ideal.s[-1]),
     }
-
-
-def _circuit_table(track: Track, figures: dict[str, Any]) -> Table:
-    directions = [corner["direction"] for corner in figures["corners"]]
-    rows = {
-        "length": f"{figures['length_m']:.1f} m, {figures['direction']}",
-        "width": f"{figures['width_min_m']:.1f} to {figures['width_max_m']:.1f} m",
-        "corners": f"{len(directions)}: {directions.count('left')} left, {directions.count('right')} right",
-        "smallest radius": f"{figures['radius_min_m']:.1f} m",
-        "height": f"{figures['height_range_m']:.0f} m between lowest and highest",
-        f"theoretical lap ({figures['machine']})": f"{figures['ideal_lap_s']:.2f} s on the ideal line, "
-        f"{figures['median_lap_s']:.2f} s on the median",
-    }
-    return text_table(f"{track.name}: a sound circuit", ("", ""), rows.items())
-
-
-def _draw_circuit(track: Track, ideal: LapLimit, path: Path) -> None:
-    title = (
-        f"{track.name}: {track.length:.0f} m, {track.direction}, {len(track.corners)} corners; "
-        f"{ideal.machine}: {lap_text(ideal.lap_time)}"
-    )
-    track_figure(track, track.line(1.0), ideal.s, ideal.speed, title).savefig(path, dpi=100)

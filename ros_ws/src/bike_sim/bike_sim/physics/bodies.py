@@ -1,10 +1,9 @@
 """The bodies of a single-track vehicle: where they are, their tree, and their motion from minimal coordinates and back.
 
 The minimal state says all there is to know about a rolling bicycle (Weyrer et al. 2026, appendix A), but a multibody
-engine, a renderer or an energy balance needs the pose and the velocity of each body. `redundant_from_minimal` gives
-them exactly; `minimal_from_redundant` reads them back. Both use the project's axes (x forward, y left, z up, which are
-also those of that appendix) and differ from it in one thing: a wheel's own frame is that of its carrier turned about y,
-so its axle is y and not x.
+engine, a renderer or an energy balance needs the pose and the velocity of each body, which `redundant_from_minimal`
+gives exactly, in the project's axes (x forward, y left, z up, which are also those of that appendix). It differs from
+the appendix in one thing: a wheel's own frame is that of its carrier turned about y, so its axle is y and not x.
 
 Orientations are unit quaternions (x, y, z, w) that turn body coordinates into map coordinates, as in Bullet and ROS.
 """
@@ -161,40 +160,6 @@ def redundant_from_minimal(state: StateVector, vehicle: Vehicle) -> RedundantSta
     return RedundantState(positions, orientations, velocities, angular_velocities)
 
 
-def minimal_from_redundant(bodies: RedundantState, vehicle: Vehicle, near: StateVector | None = None) -> StateVector:
-    """Read the minimal state off the four bodies (appendix A.1).
-
-    Poses do not count turns: yaw, steer and both wheel angles come back within half a turn of those in `near`.
-
-    Args:
-        bodies: pose and velocity of each body.
-        vehicle: the vehicle's parameters.
-        near: an earlier state to count turns from; None counts from zero.
-    """
-    reference = layout(vehicle)
-    rear, frame, fork, front = bodies.orientations
-    state = np.empty(st.STATE_SIZE)
-    offset = reference.centres[REAR_WHEEL] - reference.centres[REAR_FRAME]
-    x, y, yaw, roll, roll_rate = frame_coordinates(
-        tuple(bodies.positions[REAR_FRAME]),
-        tuple(frame),
-        tuple(bodies.angular_velocities[REAR_FRAME]),
-        tuple(offset),
-        vehicle.rR,
-    )
-    state[[st.X, st.Y, st.YAW, st.ROLL, st.ROLL_RATE]] = x, y, yaw, roll, roll_rate
-    lateral = np.array([0.0, 1.0, 0.0])
-    state[st.STEER] = _relative_angle(frame, fork, reference.steering_axis)
-    state[st.REAR_WHEEL] = _relative_angle(frame, rear, lateral)
-    state[st.FRONT_WHEEL] = _relative_angle(fork, front, lateral)
-    _, frame_rate, fork_rate, front_rate = bodies.angular_velocities
-    state[st.STEER_RATE] = (fork_rate - frame_rate) @ rotate(frame, reference.steering_axis)
-    state[st.FRONT_WHEEL_RATE] = (front_rate - fork_rate) @ rotate(fork, lateral)
-    for index in (st.YAW, st.STEER, st.REAR_WHEEL, st.FRONT_WHEEL):
-        state[index] = st.nearest_turn(state[index], 0.0 if near is None else near[index])
-    return state
-
-
 @njit(cache=True)
 def frame_coordinates(
     position: tuple[float, float, float],
@@ -274,12 +239,6 @@ def _turn(axis: int, angle: float) -> Vector:
     quaternion[axis] = math.sin(0.5 * angle)
     quaternion[3] = math.cos(0.5 * angle)
     return quaternion
-
-
-def _relative_angle(carrier: Vector, body: Vector, axis: Vector) -> float:
-    """Return by how much a body is turned against its carrier about a unit axis common to both, rad."""
-    relative = multiply(conjugate(carrier), body)
-    return 2.0 * math.atan2(relative[:3] @ axis, relative[3])
 
 
 def vehicle_tree(vehicle: Vehicle, *further: Body) -> tuple[Body, ...]:

@@ -194,13 +194,6 @@ def front_contact(state: StateVector, p: Parameters) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def wheelbase(roll: float, steer: float, p: Parameters) -> float:
-    """Return the distance of the two contact points in the current configuration, m (Eq. C.6)."""
-    qx, qy = front_contact_offset(roll, steer, p)
-    return math.hypot(qx, qy)
-
-
-@njit(cache=True)
 def front_direction(roll: float, steer: float, p: Parameters) -> float:
     """Return the heading of the front contact relative to the rear frame's yaw: mu_1 of Eq. (A.10), rad."""
     geometry = steering_geometry(p)

@@ -58,7 +58,9 @@ _PRESS: Final = 200.0
 """Force, N, that holds each wheel to the ground where there is no gravity: what the fork's swing asks for, twice."""
 
 
-class _Run(NamedTuple):
+class Run(NamedTuple):
+    """What is measured: a bicycle, the kind of its engine, and the integration step, s."""
+
     vehicle: Vehicle
     kind: str
     time_step: float
@@ -78,11 +80,11 @@ def validate(
     Raises:
         ValueError: unknown engine kind, a step that cannot be, or a vehicle without the benchmark's modes.
     """
-    report, run = Report(), _Run(vehicle, kind, time_step)
+    report, run = Report(), Run(vehicle, kind, time_step)
     progress("modes over speed")
     report.modes += measured_modes(run)
     for title, part in (
-        ("weave and capsize speed", _stability_limits),
+        ("weave and capsize speed", stability_limits),
         ("errors of the modes", lambda run: _mode_errors(report.modes, run.time_step)),
         ("order of convergence", _mode_order),
         ("direction of the front contact", _front_directions),
@@ -101,7 +103,7 @@ def free_of_drive(vehicle: Vehicle) -> Vehicle:
     return replace(vehicle, P=0.0, D=0.0)
 
 
-def _coaster(run: _Run, time_step: float | None = None) -> BicycleEngine:
+def _coaster(run: Run, time_step: float | None = None) -> BicycleEngine:
     """Return a new engine without steering drive."""
     return make_bicycle_engine(run.kind, free_of_drive(run.vehicle), run.time_step if time_step is None else time_step)
 
@@ -113,20 +115,20 @@ def _step_limit(at_1_ms: float, at_5_ms: float, time_step: float) -> float:
     return float(np.interp(time_step, (0.001, 0.005), (at_1_ms, at_5_ms)))
 
 
-def _stability_limits(run: _Run) -> Iterator[Check]:
+def stability_limits(run: Run) -> Iterator[Check]:
     """Weave and capsize speed by bisection, within 0.25 % at 1 ms and 1 % at 5 ms."""
     engine = _coaster(run)
     share = _step_limit(0.0025, 0.01, run.time_step)
     weave, capsize = linear.weave_speed(run.vehicle), linear.capsize_speed(run.vehicle)
     for name, exact, measured in (
-        ("weave", weave, linear.measured_weave_speed(engine, 0.8 * weave, 1.1 * weave)),
-        ("capsize", capsize, linear.measured_capsize_speed(engine, 0.9 * capsize, 1.1 * capsize)),
+        ("weave", weave, linear.measured_speed(engine, "weave", 0.8 * weave, 1.1 * weave)),
+        ("capsize", capsize, linear.measured_speed(engine, "capsize", 0.9 * capsize, 1.1 * capsize)),
     ):
         low, high = exact * (1 - share), exact * (1 + share)
         yield Check(f"{name}_speed_m_s", f"{name} speed, m/s", measured, low, high, exact)
 
 
-def measured_modes(run: _Run) -> Iterator[Mode]:
+def measured_modes(run: Run) -> Iterator[Mode]:
     """Measure the modes at the speeds of `MODE_SPEEDS`, beside those of the closed formulas."""
     engine = _coaster(run)
     for speed in MODE_SPEEDS:
@@ -154,7 +156,7 @@ def _order_check(name: str, title: str, steps: tuple[float, ...], errors: list[f
     return Check(name, title, order, wanted * (1.0 - _ORDER_TOLERANCE), wanted * (1.0 + _ORDER_TOLERANCE), wanted)
 
 
-def _mode_order(run: _Run) -> Iterator[Check]:
+def _mode_order(run: Run) -> Iterator[Check]:
     """The error of the weave falls with the power of the step that belongs to the method of integration."""
     steps, speed = _ORDER_STEPS[run.kind], 6.0
     published = linear.modes(run.vehicle, speed).weave
@@ -185,7 +187,7 @@ def front_direction(engine: BicycleEngine, roll: float, steer: float) -> float:
     return math.atan2(y1 - y0, x1 - x0) - 0.5 * after[st.YAW]
 
 
-def _front_directions(run: _Run) -> Iterator[Check]:
+def _front_directions(run: Run) -> Iterator[Check]:
     """Table 8, by rolling; for other vehicles than its own, Eq. (A.10) is what they are compared with."""
     engine = make_bicycle_engine(run.kind, replace(run.vehicle, g=0.0), min(run.time_step, 0.001))
     errors = []
@@ -221,7 +223,7 @@ def steering_step(engine: BicycleEngine, steer_set: float, duration: float) -> N
     return np.array(angles)
 
 
-def _steering_step(run: _Run) -> Iterator[Check]:
+def _steering_step(run: Run) -> Iterator[Check]:
     """Appendix B: from standstill, without gravity, to 70 degrees, with at most 10 % of overshoot."""
     target = math.radians(70.0)
     peaks = []
@@ -231,7 +233,7 @@ def _steering_step(run: _Run) -> Iterator[Check]:
     yield Check("steering_overshoot_percent", "steering step, overshoot, %", peaks[0], 0.0, 10.0, peaks[1])
 
 
-def _speed_loss(run: _Run) -> Iterator[Check]:
+def _speed_loss(run: Run) -> Iterator[Check]:
     """Speed lost in 60 s of straight coasting where the bicycle balances itself, under 0.01 %."""
     speed = 0.5 * (linear.weave_speed(run.vehicle) + linear.capsize_speed(run.vehicle))
     engine = _coaster(run)
@@ -260,7 +262,7 @@ def coast(engine: BicycleEngine, start: StateVector, duration: float, interval: 
     return np.array(states)
 
 
-def _coasting(run: _Run) -> Iterator[Check]:
+def _coasting(run: Run) -> Iterator[Check]:
     """Energy, mirror image and ground constraint over 10 s after the hard start."""
     start = violent_start(run.vehicle)
     engine = _coaster(run)
@@ -292,7 +294,7 @@ def _pitch_error(engine: PyBulletEngine, start: StateVector) -> float:
     return worst
 
 
-def _violent_start(run: _Run) -> Iterator[Check]:
+def _violent_start(run: Run) -> Iterator[Check]:
     """2 s after the hard start converge to the compiled bicycle: with the right order, and to nothing else."""
     start, steps = violent_start(run.vehicle), _ORDER_STEPS[run.kind]
     oracle = make_bicycle_engine("whipple", free_of_drive(run.vehicle), _REFERENCE_STEP)

@@ -17,8 +17,8 @@ import numpy as np
 from bike_sim.physics import bodies as bd
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
-from bike_sim.physics.bicycle.whipple import BicycleBase
 from bike_sim.physics.bodies import FORK_JOINT, FRONT_JOINT, JOINTS, REAR_JOINT
+from bike_sim.physics.engine import BicycleEngine
 from bike_sim.physics.ground import LEVEL, Ground
 from bike_sim.physics.multibody.bullet import AXLE_TO_Z, build_tree, bullet, connect, set_free
 from bike_sim.physics.multibody.tree import principal_axes
@@ -42,8 +42,8 @@ _READ_INTERVAL: Final = 0.1
 """Longest time, s, between two readings of the yaw: far too short for half a turn, so that the yaw is never wrapped."""
 
 
-class PyBulletEngine(BicycleBase):
-    """A bicycle in a Bullet world of its own; implements `bike_sim.physics.engine.Engine`.
+class PyBulletEngine(BicycleEngine):
+    """A bicycle in a Bullet world of its own.
 
     Engines in one process do not see each other, and the same reset and commands give the same states
     bit for bit, whatever the engine did before.
@@ -107,7 +107,6 @@ class PyBulletEngine(BicycleBase):
 
     def hold(self, steer_set: float, steps: int) -> None:
         """Integrate with the steering drive's set point held; see `engine.BicycleEngine`."""
-        self._check(steer_set, steps)
         while steps > self._chunk:
             self._step(steer_set, self._chunk)
             self._read()

@@ -16,7 +16,6 @@ step included.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -254,26 +253,23 @@ def measured_modes(engine: Engine, speed: float) -> Modes:
     return modes_of(measured_state_matrix(engine, speed))
 
 
-def measured_weave_speed(engine: Engine, low: float, high: float, tolerance: float = 1e-5) -> float:
-    """Return the speed between `low` and `high` at which the weave mode turns stable, m/s, by bisection.
+def measured_speed(engine: Engine, mode: str, low: float, high: float, tolerance: float = 1e-5) -> float:
+    """Return the speed between `low` and `high` at which a mode changes its stability, m/s, by bisection.
+
+    Args:
+        engine: with its drive off.
+        mode: weave or capsize.
+        low: m/s.
+        high: m/s.
+        tolerance: width of the last bracket, m/s.
 
     Raises:
         ValueError: the mode does not change its stability between the two.
     """
-    return _root(lambda speed: measured_modes(engine, speed).weave.real, low, high, tolerance)
 
+    def function(speed: float) -> float:
+        return complex(getattr(measured_modes(engine, speed), mode)).real
 
-def measured_capsize_speed(engine: Engine, low: float, high: float, tolerance: float = 1e-5) -> float:
-    """Return the speed between `low` and `high` at which the capsize mode turns unstable, m/s, by bisection.
-
-    Raises:
-        ValueError: the mode does not change its stability between the two.
-    """
-    return _root(lambda speed: measured_modes(engine, speed).capsize, low, high, tolerance)
-
-
-def _root(function: Callable[[float], float], low: float, high: float, tolerance: float) -> float:
-    """Halve a bracket until it is narrower than the tolerance, and return its middle."""
     at_low, at_high = function(low), function(high)
     if at_low * at_high > 0.0:
         raise ValueError(

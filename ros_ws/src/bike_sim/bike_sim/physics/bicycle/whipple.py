@@ -12,7 +12,6 @@ Basu-Mandal, Chatterjee, Papadopoulos (2007), Proc. R. Soc. A 463, 1983-2003.
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -21,59 +20,11 @@ from numpy.typing import NDArray
 
 from bike_sim.physics import state as st
 from bike_sim.physics.bicycle.whipple_equations import Angles, Constants, energies, motion
-from bike_sim.physics.engine import NO_FALL, TIP_OVER, check_commands, checked_time_step
+from bike_sim.physics.engine import TIP_OVER, BicycleEngine
 from bike_sim.physics.ground import LEVEL, Ground
 from bike_sim.physics.kinematics import Parameters, rates, solve_beta, steering_geometry
 from bike_sim.physics.state import StateVector
 from bike_sim.vehicles.bicycle import PARAMETER_NAMES, Vehicle
-
-
-class BicycleBase(ABC):
-    """A bicycle that is stepped with a fixed integration step; implements `bike_sim.physics.engine.BicycleEngine`.
-
-    Attributes:
-        vehicle: its parameters, the steering drive included.
-        time_step: integration step, s.
-    """
-
-    def __init__(self, vehicle: Vehicle, time_step: float) -> None:
-        """Stand at rest in the upright reference configuration at the origin.
-
-        Raises:
-            ValueError: the time step is not positive and finite.
-        """
-        self.vehicle = vehicle
-        self.time_step = checked_time_step(time_step)
-        self._state = np.zeros(st.STATE_SIZE)
-
-    @property
-    def fall(self) -> str:
-        """Whether the roll is beyond the vehicle's limit, as the name of a fall."""
-        return TIP_OVER if abs(float(self._state[st.ROLL])) > self.vehicle.fall_roll else NO_FALL
-
-    def advance(self, steering: float, throttle: float, steps: int, ground: Ground = LEVEL) -> None:
-        """Integrate with a part of the largest set point held; a bicycle has neither drive nor brakes."""
-        check_commands(steering, throttle, steps)
-        self.hold(steering * self.vehicle.max_steer, steps)
-
-    @abstractmethod
-    def hold(self, steer_set: float, steps: int) -> None:
-        """Integrate with the steering drive's set point held, rad; see `engine.BicycleEngine`."""
-
-    def state(self) -> st.StateVector:
-        """Return the minimal state as a fresh vector; yaw and wheel angles are not wrapped."""
-        return self._state.copy()
-
-    def telemetry(self) -> NDArray[np.float64]:
-        """Return no telemetry."""
-        return np.zeros(0)
-
-    def _check(self, steer_set: float, steps: int) -> None:
-        if not math.isfinite(steer_set):
-            raise ValueError(f"steer_set = {steer_set!r} is not a finite angle in rad")
-        if steps < 0:
-            raise ValueError(f"steps = {steps} must not be negative")
-
 
 # Places of the parameters in the vector, by name; compiled code wants plain global integers.
 (
@@ -283,10 +234,10 @@ def mass_matrix(state: StateVector, p: Parameters) -> NDArray[np.float64]:
     return mass
 
 
-def generalised_force(
+def pushed(
     state: StateVector, along: float, left: float, ahead: float, height: float, p: Parameters
 ) -> NDArray[np.float64]:
-    """Return what a force on the rear frame is to the rates of roll, steer and front wheel: its power by rad/s.
+    """Return how fast a force on the rear frame changes the rates of roll, steer and front wheel, rad/s^2.
 
     Args:
         state: minimal state.
@@ -296,7 +247,7 @@ def generalised_force(
         height: of the point above the rear contact in the plane of the frame, m.
         p: `Vehicle.parameters`.
     """
-    power = np.empty(3)
+    power = np.empty(3)  # of the force at a unit of each rate
     for k, place in enumerate(_RATES):
         unit = state.copy()
         unit[list(_RATES)] = 0.0
@@ -306,21 +257,10 @@ def generalised_force(
         point_along = speed - yaw_rate * sideways
         point_left = yaw_rate * ahead - height * math.cos(state[st.ROLL]) * (place == st.ROLL_RATE)
         power[k] = along * point_along + left * point_left
-    return power
+    return np.asarray(np.linalg.solve(mass_matrix(state, p), power), dtype=np.float64)
 
 
-def pushed(
-    state: StateVector, along: float, left: float, ahead: float, height: float, p: Parameters
-) -> NDArray[np.float64]:
-    """Return how fast a force on the rear frame changes the rates of roll, steer and front wheel, rad/s^2.
-
-    The arguments are those of :func:`generalised_force`.
-    """
-    work = generalised_force(state, along, left, ahead, height, p)
-    return np.asarray(np.linalg.solve(mass_matrix(state, p), work), dtype=np.float64)
-
-
-class WhippleEngine(BicycleBase):
+class WhippleEngine(BicycleEngine):
     """The compiled bicycle behind the engine interface; once it lies on the ground, it stays there until `reset`."""
 
     def __init__(self, vehicle: Vehicle, time_step: float) -> None:
@@ -354,7 +294,6 @@ class WhippleEngine(BicycleBase):
 
     def hold(self, steer_set: float, steps: int) -> None:
         """Integrate with the steering drive's set point held; see `engine.BicycleEngine`."""
-        self._check(steer_set, steps)
         if not self._lying:
             self._lying = not advance(self._state, steer_set, self.time_step, steps, self.vehicle.parameters)
 
@@ -363,6 +302,3 @@ class WhippleEngine(BicycleBase):
         if not self._lying:
             force = (along, left, ahead, height)
             self._state[list(_RATES)] += self.time_step * pushed(self._state, *force, self.vehicle.parameters)
-
-    def close(self) -> None:
-        """Release nothing: the engine holds no resources."""

@@ -51,9 +51,10 @@ class BulletSuperbikeEngine(SuperbikeEngine):
         self._check_open()
         self._bodies.place(self.motion)
 
-    def _run(self, command: tuple[float, float, float], steps: int, ground: Ground) -> None:
+    def _run(self, steering: float, throttle: float, steps: int, ground: Ground) -> None:
         """Step until a fall or to the end, and fill the minimal state."""
         self._check_open()
+        command = steering, throttle, self.time_step
         motion, ride, constants, load, loads = self.motion, self._ride, self.constants, self._load, self._loads
         if self.memory["fall"][0] != 0.0 or steps == 0:
             return  # a fallen machine is not read again on another ground

@@ -26,20 +26,6 @@ from bike_sim.physics.superbike.records import Motion
 from bike_sim.vehicles.superbike import Record
 
 
-class Surface(NamedTuple):
-    """The surface at one point.
-
-    Attributes:
-        height: m, in the map.
-        normal: unit vector, upward.
-        smooth: the same as if there were no bumps.
-    """
-
-    height: float
-    normal: Vec
-    smooth: Vec
-
-
 @njit(cache=True)
 def bump_at(arc: float, profile: NDArray) -> tuple[float, float]:
     """Return height (m) and slope of a profile of bumps at an arc length (m) of any lap.
@@ -57,8 +43,8 @@ def bump_at(arc: float, profile: NDArray) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def surface_at(x: float, y: float, patch: Record, profile: NDArray) -> Surface:
-    """Return the surface at a point of the map, bumps included.
+def surface_at(x: float, y: float, patch: Record, profile: NDArray) -> tuple[float, Vec, Vec]:
+    """Return height (m), upward normal, and the normal as if there were no bumps, at a point of the map.
 
     Args:
         x: m.
@@ -75,7 +61,7 @@ def surface_at(x: float, y: float, patch: Record, profile: NDArray) -> Surface:
         bump, tilt = bump_at(patch.arc + patch.stretch * along, profile)
         height += patch.bumps * bump
         normal = _normal(slope + patch.bumps * patch.stretch * tilt, patch)
-    return Surface(height, normal, smooth)
+    return height, normal, smooth
 
 
 @njit(cache=True)
@@ -264,27 +250,12 @@ def axes_of(motion: Motion, geometry: Record, joints: Record) -> Axes:
     )  # fmt: skip
 
 
-class Lean(NamedTuple):
-    """Lean and heading of a wheel on the ground.
-
-    Attributes:
-        roll: angle of the axle over the horizontal about the wheel's heading, rad, positive leaning right.
-        camber: the same over the ground.
-        cos_yaw: of the heading, seen from above.
-        sin_yaw: of the heading.
-        level: cosine of the heading's slope.
-    """
-
-    roll: float
-    camber: float
-    cos_yaw: float
-    sin_yaw: float
-    level: float
-
-
 @njit(cache=True)
-def lean_of(axle: Vec, normal: Vec) -> Lean:
-    """Return lean and heading of a wheel; on level ground exactly those of its axle against the horizontal.
+def lean_of(axle: Vec, normal: Vec) -> tuple[float, float, float, float, float]:
+    """Return ``(roll, camber, cos_yaw, sin_yaw, level)`` of a wheel; on level ground exactly those of its axle.
+
+    The roll is the angle of the axle over the horizontal about the wheel's heading, rad, positive leaning right, the
+    camber that over the ground; the yaw is that of the heading, seen from above, and `level` the cosine of its slope.
 
     Args:
         axle: unit vector to the left.
@@ -299,7 +270,7 @@ def lean_of(axle: Vec, normal: Vec) -> Lean:
     along = -axle[2] * heading[2] / over
     aside = flat * math.sqrt(max(0.0, 1.0 - (along / flat) * (along / flat)))
     roll = math.atan2(axle[2] / level, aside)
-    return Lean(roll, math.atan2(dot(axle, normal), length), heading[0] / over, heading[1] / over, level)
+    return roll, math.atan2(dot(axle, normal), length), heading[0] / over, heading[1] / over, level
 
 
 @njit(cache=True)
@@ -339,15 +310,14 @@ def wheel_contact(centre: Vec, axle: Vec, radius: float, crown: float, patch: Re
     """
     # where the tyre touches depends on the road's slope, what it feels there on the bumps too
     point = lowest_point(centre, axle, radius, crown, smooth_normal(centre[0], centre[1], patch))
-    ground = surface_at(point[0], point[1], patch, profile)
-    normal = ground.normal
+    height, normal, smooth = surface_at(point[0], point[1], patch, profile)
     lean = dot(axle, normal)
     left = mix(1.0, axle, -lean, normal)
     k = math.sqrt(max(1e-12, left[0] * left[0] + left[1] * left[1] + left[2] * left[2]))
     left = left[0] / k, left[1] / k, left[2] / k
     heading = cross(left, normal)
-    gap = (point[2] - ground.height) * normal[2]
-    return Contact(point, gap, heading, left, normal, ground.smooth, lean, radius - crown + crown * k)
+    gap = (point[2] - height) * normal[2]
+    return Contact(point, gap, heading, left, normal, smooth, lean, radius - crown + crown * k)
 
 
 @njit(cache=True)

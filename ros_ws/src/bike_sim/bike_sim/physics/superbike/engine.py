@@ -8,7 +8,7 @@ compiled code steps one machine and rows of many, bit for bit.
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bike_sim.physics import state as st
 from bike_sim.physics.bodies import FORK_JOINT, FRONT_JOINT, REAR_JOINT, SLIDE_JOINT
-from bike_sim.physics.engine import check_commands, checked_time_step, compiled_entry
+from bike_sim.physics.engine import Engine, compiled_entry
 from bike_sim.physics.ground import LEVEL, Ground
 from bike_sim.physics.multibody import articulated
 from bike_sim.physics.multibody.tree import principal_axes
@@ -202,20 +202,20 @@ def read_one(rides: Rides, constants: Record, grounds: Record) -> None:
     read(rides.motion[0], grounds[0], constants[0], rides.state)
 
 
-class SuperbikeEngine(ABC):
-    """A superbike that is stepped with a fixed integration step; implements `bike_sim.physics.engine.Engine`.
+class SuperbikeEngine(Engine):
+    """A superbike that is stepped with a fixed integration step.
 
     The same reset and commands give the same states bit for bit, whatever the engine did before. Once the machine has
     fallen, time passes but nothing moves any more.
 
     Attributes:
-        vehicle: its parameters.
-        time_step: integration step, s.
         tree: its bodies and joints.
         motion: of the bodies, a record of `articulated.motion_record`, shape (1,).
         memory: of the forces, a record of `records.MEMORY`, shape (1,).
         constants: of the forces, a record of `records.CONSTANTS`, shape (1,), read-only.
     """
+
+    vehicle: Superbike
 
     def __init__(self, vehicle: Superbike, time_step: float) -> None:
         """Check the arguments and make the records; a subclass sets up its integrator and resets.
@@ -229,8 +229,7 @@ class SuperbikeEngine(ABC):
         """
         if not isinstance(vehicle, Superbike):
             raise ValueError(f"vehicle '{vehicle.name}' is no superbike: it has no tyres")
-        self.vehicle = vehicle
-        self.time_step = checked_time_step(time_step)
+        super().__init__(vehicle, time_step)
         self.tree = superbike_tree(vehicle)
         self._principal: Quaternion = tuple(principal_axes(self.tree[0].inertia)[0].tolist())
         self.motion = np.zeros(1, dtype=articulated.motion_record(len(self.tree)))
@@ -238,7 +237,6 @@ class SuperbikeEngine(ABC):
         self.constants = constants_of(vehicle, self.tree)
         self._telemetry = np.zeros(1, dtype=TELEMETRY)
         self._signals = self._telemetry.view(np.float64)
-        self._state = np.zeros(st.STATE_SIZE)
         self._loads = np.zeros(len(self.tree) - 1)  # on the joints
         self._ride = Rides(self._state, self.motion, self.memory, self._telemetry)
         self._read = compiled_entry(read_one, self._ride, self.constants, LEVEL.record)
@@ -271,45 +269,18 @@ class SuperbikeEngine(ABC):
         unmoved = self._ride._replace(memory=self.memory.copy())
         self._load(unmoved, self.constants, (0.0, 0.0, self.time_step), *ground, self._loads, True)
 
-    def advance(self, steering: float, throttle: float, steps: int, ground: Ground = LEVEL) -> None:
-        """Integrate with both commands held.
-
-        Args:
-            steering: in [-1, 1], positive to the left; the rider leans the machine that part of his largest lean.
-            throttle: in [-1, 1]; above 0 part of the engine's torque, below 0 part of the brakes' force.
-            steps: number of integration steps of `time_step`.
-            ground: under the wheels.
-
-        Raises:
-            ValueError: a command is not finite or out of range, or the number of steps is negative.
-        """
-        check_commands(steering, throttle, steps)
-        self._run((float(steering), float(throttle), self.time_step), steps, ground)
-
     def deflect(self, x: float, y: float, turn: float, share: float, dx: float, dy: float) -> None:
         """Turn the machine at a wall; see `pose.deflect`. State and telemetry show it from the next step on."""
         deflect(self.motion, x, y, turn, share, dx, dy)
         self.set_motion()
-
-    def state(self) -> st.StateVector:
-        """Return the minimal state as a fresh vector; yaw and wheel angles are not wrapped."""
-        return self._state.copy()
 
     def telemetry(self) -> Array:
         """Return the signals of the last step as a fresh vector, in the order of `forces.TELEMETRY_NAMES`."""
         return self._signals.copy()
 
     @abstractmethod
-    def close(self) -> None:
-        """Release the engine's resources; a second call does nothing."""
-
-    @abstractmethod
     def set_motion(self) -> None:
         """Have the integrator go on from `motion`, and write there the motion that it holds."""
-
-    @abstractmethod
-    def _run(self, command: tuple[float, float, float], steps: int, ground: Ground) -> None:
-        """Step until a fall or to the end, and fill the minimal state; a command ends with the time step, s."""
 
 
 class CompiledSuperbikeEngine(SuperbikeEngine):
@@ -327,12 +298,9 @@ class CompiledSuperbikeEngine(SuperbikeEngine):
         self._model = Model(self.constants, tree, work)
         self.reset(st.upright_state(0.0, vehicle.rF))
 
-    def close(self) -> None:
-        """Do nothing: there is nothing to release."""
-
     def set_motion(self) -> None:
         """Do nothing: the record is the motion."""
 
-    def _run(self, command: tuple[float, float, float], steps: int, ground: Ground) -> None:
+    def _run(self, steering: float, throttle: float, steps: int, ground: Ground) -> None:
         """Step until a fall or to the end, and fill the minimal state."""
-        _advance_one(self._ride, self._model, command, *ground, steps)
+        _advance_one(self._ride, self._model, (steering, throttle, self.time_step), *ground, steps)

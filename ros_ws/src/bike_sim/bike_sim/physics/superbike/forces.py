@@ -30,7 +30,7 @@ from bike_sim.physics.superbike.contact import (
 )
 from bike_sim.physics.superbike.drive import DriveOutput, WheelState, drive_and_brake, write_drive_telemetry
 from bike_sim.physics.superbike.records import Attitude, Command, Motion
-from bike_sim.physics.superbike.rider import RiderInputs, damper_and_stop, feel_load, slide_force, steering_torque
+from bike_sim.physics.superbike.rider import damper_and_stop, feel_load, slide_force, steering_torque
 from bike_sim.physics.superbike.suspension import (
     chain_load,
     moment_about,
@@ -69,67 +69,37 @@ _CREEP: Final = 0.1
 """Speed, m/s, below which the resistance of loose ground fades, so that it never pushes a standing wheel."""
 
 
-class FallIndicators(NamedTuple):
-    """Quantities that decide on a fall.
-
-    Attributes:
-        roll: to the normal of the ground, rad.
-        roll_rate: rad/s.
-        nose_up: part of the frame's forward axis along that normal.
-        rear_load: N.
-        front_load: N.
-        sliding: a tyre slides.
-        sideways: the machine moves broadside.
-    """
-
-    roll: float
-    roll_rate: float
-    nose_up: float
-    rear_load: float
-    front_load: float
-    sliding: bool
-    sideways: bool
-
-
 @njit(cache=True)
-def fall_indicators(
-    attitude: Attitude, nose_up: float, rear: TyreForce, front: TyreForce, constants: Record
-) -> FallIndicators:
-    """Return the quantities that decide on a fall, from motion and tyres."""
-    size = math.sqrt(attitude.squared_speed)
-    slip = max(
-        rear.normalised_slip / tyres.peak_slip(constants.machine.rear_tyre),
-        front.normalised_slip / tyres.peak_slip(constants.machine.front_tyre),
-    )
-    sliding = size > _SLIDE_SPEED and slip > _SLIDING
-    sideways = size > _SLIDE_SPEED and attitude.speed < _SPUN * size
-    return FallIndicators(attitude.camber, attitude.roll_rate, nose_up, rear.fz, front.fz, sliding, sideways)
-
-
-@njit(cache=True)
-def fall_of(indicators: FallIndicators, dt: float, fall_roll: float, memory: Record) -> int:
+def fall_of(
+    attitude: Attitude, nose_up: float, slip: float, rear_load: float, front_load: float, dt: float, fall_roll: float,
+    memory: Record,
+) -> int:  # fmt: skip
     """Return how the machine falls at this instant, or `NO_FALL`, and remember slides.
 
     Args:
-        indicators: what the machine does.
+        attitude: of the machine; its camber is the roll to the normal of the ground.
+        nose_up: part of the frame's forward axis along that normal.
+        slip: the larger normalised slip of the tyres, by that of their peak.
+        rear_load: N.
+        front_load: N.
         dt: time step, s.
         fall_roll: rad, a larger roll is a fall.
         memory: of slides.
     """
-    roll, roll_rate = indicators.roll, indicators.roll_rate
-    if indicators.sliding and abs(roll) > _SLIDE_LEAN_MIN:
+    size, roll = math.sqrt(attitude.squared_speed), attitude.camber
+    if size > _SLIDE_SPEED and slip > _SLIDING and abs(roll) > _SLIDE_LEAN_MIN:
         memory.slide_side, memory.slide_age = math.copysign(1.0, roll), 0.0
     else:
         memory.slide_age += dt
     slid = memory.slide_age < _SLIDE_MEMORY
     side = memory.slide_side
-    if indicators.nose_up < -_OVER and indicators.rear_load <= 0.0:
+    if nose_up < -_OVER and rear_load <= 0.0:
         return STOPPIE
-    if indicators.nose_up > _OVER and indicators.front_load <= 0.0:
+    if nose_up > _OVER and front_load <= 0.0:
         return WHEELIE
-    if slid and roll_rate * side < -_THROWN_RATE:
+    if slid and attitude.roll_rate * side < -_THROWN_RATE:
         return HIGH_SIDE
-    if indicators.sideways:
+    if size > _SLIDE_SPEED and attitude.speed < _SPUN * size:
         return LOW_SIDE
     if abs(roll) > fall_roll:
         if not slid:
@@ -258,8 +228,10 @@ def acting_at(
     front_spin = WheelState(dot(axes.fork_omega, axes.axle) + motion.front_rate, front_contact.radius, front)
     driven = drive_and_brake(command, attitude, rear_spin, front_spin, memory, constants)
     share = feel_load(front.fz, command.lags.feeling, memory, constants)
-    inputs = RiderInputs(attitude, motion, dot(motion.omega, axes.ez), front.fx, driven.brake_rate, share)
-    steer_torque = steering_torque(command, inputs, memory, constants)
+    turn = dot(motion.omega, axes.ez)
+    steer_torque = steering_torque(
+        command, attitude, motion, turn, front.fx, driven.brake_rate, share, memory, constants
+    )
     fork_torque = steer_torque + damper_and_stop(motion.steer, motion.steer_rate, attitude.speed, machine)
     return Acting(
         axes, rear_contact, front_contact, rear_wheel, front_wheel, rear, front, rear_centre, front_centre, attitude,
@@ -314,8 +286,11 @@ def loads_at(
 
     if memory.fall == NO_FALL:
         upward = dot(axes.ex, acting.rear_contact.normal)
-        indicators = fall_indicators(acting.attitude, upward, rear, front, constants)
-        memory.fall = fall_of(indicators, command.dt, machine.fall_roll, memory)
+        slip = max(
+            rear.normalised_slip / tyres.peak_slip(machine.rear_tyre),
+            front.normalised_slip / tyres.peak_slip(machine.front_tyre),
+        )
+        memory.fall = fall_of(acting.attitude, upward, slip, rear.fz, front.fz, command.dt, machine.fall_roll, memory)
     if log_telemetry or memory.fall != NO_FALL:
         write_drive_telemetry(driven, acting.rear_spin, memory, telemetry, constants)
         telemetry.steer_torque_nm = acting.steer_torque
@@ -334,13 +309,12 @@ def loads_at(
 @njit(cache=True)
 def attitude_of(motion: Motion, ey: Vec, normal: Vec) -> Attitude:
     """Return what rider and electronics feel; `ey` is the frame's axis to the left, `normal` the ground's."""
-    lean = lean_of(ey, normal)
-    cos_yaw, sin_yaw = lean.cos_yaw, lean.sin_yaw
+    roll, camber, cos_yaw, sin_yaw, level = lean_of(ey, normal)
     velocity, omega = motion.velocity, motion.omega
     return Attitude(
-        lean.roll,
-        (cos_yaw * omega[0] + sin_yaw * omega[1]) / lean.level,
-        lean.camber,
+        roll,
+        (cos_yaw * omega[0] + sin_yaw * omega[1]) / level,
+        camber,
         cos_yaw,
         sin_yaw,
         cos_yaw * velocity[0] + sin_yaw * velocity[1],

@@ -83,11 +83,11 @@ def state_at(
     centre = add(position, rear_axle(ex, ez, swing, geometry, constants.joints))
     normal = smooth_normal(centre[0], centre[1], patch)
     point = lowest_point(centre, ey, constants.machine.rR, constants.machine.rear_tyre.crown, normal)
-    lean, ahead = lean_of(ey, normal), cross(ey, normal)
+    (roll, _, _, _, level), ahead = lean_of(ey, normal), cross(ey, normal)
     size = math.sqrt(dot(ahead, ahead))
     heading = ahead[0] / size, ahead[1] / size
-    roll_rate = (heading[0] * omega[0] + heading[1] * omega[1]) / (lean.level * lean.level)
-    return point[0], point[1], math.atan2(heading[1], heading[0]), lean.roll, roll_rate
+    roll_rate = (heading[0] * omega[0] + heading[1] * omega[1]) / (level * level)
+    return point[0], point[1], math.atan2(heading[1], heading[0]), roll, roll_rate
 
 
 class Footing(NamedTuple):
@@ -120,13 +120,12 @@ def footing(x: float, y: float, yaw: float, wheelbase: float, grounds: Record, b
     """
     profile = bumps[grounds[0].profile]
     cos, sin = math.cos(yaw), math.sin(yaw)
-    rear = surface_at(x, y, grounds[0].rear, profile)
-    plane = -(cos * rear.smooth[0] + sin * rear.smooth[1]) / rear.smooth[2]
+    height, _, normal = surface_at(x, y, grounds[0].rear, profile)
+    plane = -(cos * normal[0] + sin * normal[1]) / normal[2]
     reach = wheelbase / math.sqrt(1.0 + plane * plane)
-    front = surface_at(x + reach * cos, y + reach * sin, grounds[0].front, profile)
-    slope = -(cos * front.smooth[0] + sin * front.smooth[1]) / front.smooth[2]
-    rise = (front.height - rear.height - reach * plane) * rear.smooth[2]
-    return Footing(rear.height, rear.smooth, rise, slope - plane)
+    front_height, _, front = surface_at(x + reach * cos, y + reach * sin, grounds[0].front, profile)
+    slope = -(cos * front[0] + sin * front[1]) / front[2]
+    return Footing(height, normal, (front_height - height - reach * plane) * normal[2], slope - plane)
 
 
 @njit(cache=True)

@@ -15,7 +15,7 @@ by rules: `steering_effort`, and `holding` for the torque of a steady turn.
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numba import njit
@@ -108,38 +108,26 @@ def through_arms(first: float, second: float, wanted: float, step: float, left: 
     return wanted + left * (first - wanted), wanted + left * (second - wanted + step * (first - wanted))
 
 
-class RiderInputs(NamedTuple):
-    """Inputs of the rider's steering.
+@njit(cache=True)
+def steering_torque(
+    command: Command, attitude: Attitude, motion: Motion, turn: float, front_fx: float, brake_rate: float,
+    load_share: float, memory: Record, constants: Record,
+) -> float:  # fmt: skip
+    """Advance reference, arms and torso and return the torque on the bars, N m, positive to the left.
 
-    Attributes:
+    Args:
+        command: of the step.
         attitude: of the machine.
         motion: of its joints.
         turn: rate of the frame about its own upward axis, rad/s.
         front_fx: force along the front wheel's heading, N.
         brake_rate: rate of the front brake's force, N/s.
         load_share: front load that he feels by that of the standing machine.
-    """
-
-    attitude: Attitude
-    motion: Motion
-    turn: float
-    front_fx: float
-    brake_rate: float
-    load_share: float
-
-
-@njit(cache=True)
-def steering_torque(command: Command, inputs: RiderInputs, memory: Record, constants: Record) -> float:
-    """Advance reference, arms and torso and return the torque on the bars, N m, positive to the left.
-
-    Args:
-        command: of the step.
-        inputs: of the rider.
         memory: advanced.
         constants: of the machine.
     """
     machine, dt, lags = constants.machine, command.dt, command.lags
-    rider, attitude = machine.virtual_rider, inputs.attitude
+    rider = machine.virtual_rider
     effort, trail = steering_effort(attitude.speed, machine)
     aim, aim_rate, acceleration = _advance_reference(command.steering, effort, dt, memory, rider)
     # What he wants reaches the bars through the arms, so he looks for the lean that comes of it as much later
@@ -148,7 +136,7 @@ def steering_torque(command: Command, inputs: RiderInputs, memory: Record, const
     )
     error = memory.lean_reference - attitude.roll
     missing = rider.arm_frequency * (memory.lean_eased - memory.lean_reference) - attitude.roll_rate
-    hand = min(max(inputs.load_share / _LIGHT, _LIGHTEST_HAND), 1.0)
+    hand = min(max(load_share / _LIGHT, _LIGHTEST_HAND), 1.0)
     gain = hand * rider.lean_bandwidth * (effort + rider.lean_time * trail)
     bound = rider.integral_torque
     memory.integral = min(max(memory.integral + dt * rider.integral_rate * gain * error, -bound), bound)
@@ -156,12 +144,12 @@ def steering_torque(command: Command, inputs: RiderInputs, memory: Record, const
     wanted += (
         hand * effort * aim_rate
         + rider.throw * acceleration
-        + _steady_torque(attitude, inputs.front_fx, inputs.brake_rate, memory, constants)
+        + _steady_torque(attitude, front_fx, brake_rate, memory, constants)
     )
     wanted = min(max(wanted, -rider.torque), rider.torque)
     memory.intent, memory.arms = through_arms(memory.intent, memory.arms, wanted, lags.arms, lags.arms_left)
-    unmeant = unmeant_turn(inputs.turn, memory.lean_reference, attitude.speed, machine)
-    torque = memory.arms + _passive_torque(hand, missing, unmeant, inputs.motion, lags, memory, machine)
+    unmeant = unmeant_turn(turn, memory.lean_reference, attitude.speed, machine)
+    torque = memory.arms + _passive_torque(hand, missing, unmeant, motion, lags, memory, machine)
     return min(max(torque, -rider.torque), rider.torque)
 
 
