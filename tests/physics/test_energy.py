@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -14,7 +16,8 @@ from bike_sim.vehicles.files import load_superbike
 SUBSTEPS = 20
 
 
-def weaving(name: str, periods: int = 300) -> tuple[Account, float]:
+@functools.cache
+def weaving(name: str, periods: int = 200) -> tuple[Account, float]:
     """Return the account of a ride with turns, drive and brake at 1 ms, and the last speed, m/s."""
     vehicle = load_superbike(name)
     engine = CompiledSuperbikeEngine(vehicle, 0.001)
@@ -46,5 +49,5 @@ def test_the_account_closes(name: str) -> None:
 
 def test_what_is_not_counted_is_found() -> None:
     """Without the air's entry the rest is far beyond what is allowed."""
-    found, _ = weaving("gsxr1000", 100)
+    found, _ = weaving("gsxr1000")
     assert abs(Account(found.work | {"air": 0.0}, found.stored).rest) > 0.05

@@ -15,7 +15,6 @@ from bike_sim.physics.bicycle.bullet import PyBulletEngine
 from bike_sim.physics.engine import Engine
 from bike_sim.physics.engines import BICYCLE_ENGINES, make_engine
 from bike_sim.physics.multibody import vectors
-from bike_sim.validation.bicycle import coast, free_of_drive, violent_start
 from bike_sim.vehicles.files import load_vehicle
 
 VEHICLE = load_vehicle("whipple")
@@ -82,36 +81,6 @@ def test_a_wheel_without_load_leaves_the_ground_in_bullet_only() -> None:
     engine.close()
     assert max(gaps) > 5e-4
     assert np.abs(gaps[:50]).max() < 1e-5  # at first it rolls
-
-
-def test_a_hard_start_stays_close_for_two_seconds() -> None:
-    free = free_of_drive(VEHICLE)
-    start = violent_start(VEHICLE)
-    rides = []
-    for kind, step in (("pybullet", 0.001), ("whipple", 0.005)):
-        engine = make_engine(kind, free, step)
-        rides.append(coast(engine, start, 2.0))
-        engine.close()
-    assert np.abs(rides[1][:, st.ROLL]).max() > math.radians(5.0)  # it is a hard start
-    assert np.degrees(np.abs(rides[0] - rides[1])[:, [st.YAW, st.ROLL, st.STEER]]).max() < 0.3
-
-
-@pytest.mark.parametrize("kind", BICYCLE_ENGINES)
-def test_a_ride_and_its_mirror_image(kind: str) -> None:
-    engine = make_engine(kind, VEHICLE, 0.005)
-    start = st.upright_state(4.0, VEHICLE.rF)
-    start[[st.ROLL, st.ROLL_RATE]] = 0.1, -0.3
-    steps = [(0.4 * math.sin(0.7 * k), 10) for k in range(20)]
-
-    def ride(sign: float, begin: np.ndarray) -> np.ndarray:
-        engine.reset(begin)
-        for steer_set, count in steps:
-            engine.hold(sign * steer_set, count)
-        return engine.state()
-
-    mirrored = ride(-1.0, start * st.MIRROR_SIGNS) * st.MIRROR_SIGNS
-    assert mirrored == pytest.approx(ride(1.0, start), abs=1e-9)
-    engine.close()
 
 
 @pytest.mark.parametrize("kind", BICYCLE_ENGINES)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,10 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bike_sim.physics.superbike import statics
-from bike_sim.planning.envelope import envelope
 from bike_sim.vehicles.files import SHIPPED, load_superbike
-from bike_sim.vehicles.parameters import VehicleError
-from bike_sim.vehicles.superbike import Superbike
 
 
 class Published(NamedTuple):
@@ -65,12 +61,6 @@ SHEETS = {
 
 MACHINES = {name: load_superbike(name) for name in SHEETS}
 EACH = pytest.mark.parametrize("name", sorted(SHEETS))
-
-
-def time_to(vehicle: Superbike, start: float, end: float) -> float:
-    """Time of the envelope from one speed to another at full drive, s."""
-    speeds = np.linspace(start, end, 200)
-    return float(np.trapezoid(1.0 / envelope(vehicle).drive(speeds), speeds))
 
 
 @EACH
@@ -155,54 +145,6 @@ def test_estimates_follow_the_rules_in_the_files(name: str) -> None:
     momentum = 0.010 * (sheet.stroke / 50.9) ** 2 * motor.peak_power_rpm * math.pi / 30.0
     assert abs(motor.crank_momentum) == pytest.approx(momentum, abs=0.06)
     assert vehicle.brakes.force == pytest.approx(1.3 * vehicle.mass * vehicle.g, abs=0.6)
-
-
-def test_only_the_ducati_turns_its_crank_backwards() -> None:
-    backwards = [name for name, vehicle in MACHINES.items() if vehicle.motor.crank_momentum < 0.0]
-    assert backwards == ["panigale_v4r"]
-
-
-def test_the_bmw_is_the_sharpest() -> None:
-    """Steepest head, shortest trail, least mass, the lightest wheels, the quickest throttle, the least held back."""
-    bmw = MACHINES["m1000rr"]
-    for vehicle in MACHINES.values():
-        if vehicle is bmw:
-            continue
-        assert bmw.lam < vehicle.lam
-        assert bmw.c < vehicle.c
-        assert bmw.mass < vehicle.mass
-        assert bmw.IFyy < vehicle.IFyy
-        assert bmw.motor.lag < vehicle.motor.lag
-        assert bmw.electronics.traction_share > vehicle.electronics.traction_share
-        assert bmw.electronics.wheelie_load < vehicle.electronics.wheelie_load
-
-
-def test_machines_differ_where_their_makers_do() -> None:
-    """The most power by mass drives out fastest; the short and tall Yamaha lifts a wheel first, so it needs longest."""
-    launch = {name: time_to(vehicle, 20.0, 75.0) for name, vehicle in MACHINES.items()}
-    power = {name: v.motor.peak_power / v.mass for name, v in MACHINES.items()}
-    assert min(launch, key=launch.__getitem__) == max(power, key=power.__getitem__) == "panigale_v4r"
-    assert sorted(launch, key=launch.__getitem__)[3:] == ["zx10rr", "r1"]
-    assert set(sorted(power, key=power.__getitem__)[:2]) == {"zx10rr", "r1"}
-    for lift in ({n: v.com_x / v.com_height for n, v in MACHINES.items()},
-                 {n: (v.w - v.com_x) / v.com_height for n, v in MACHINES.items()}):  # fmt: skip
-        assert min(lift, key=lift.__getitem__) == "r1"  # drive and brake by weight at which a wheel lifts, without air
-        assert max(lift.values()) > 1.05 * min(lift.values())
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "message"),
-    [
-        ("gear_3", 2.9, "gear_1 >= gear_2"),
-        ("gear_6", 0.0, "motor.gear_6 = 0.0 must be positive"),
-        ("final_ratio", 0.5, "at the limiter in top gear; at most 200 m/s"),
-        ("peak_torque", 90.0, "needs 101.442 N m, more than motor.peak_torque = 90"),
-    ],
-)
-def test_motors_that_cannot_be_are_refused(key: str, value: float, message: str) -> None:
-    ducati = MACHINES["panigale_v4r"]
-    with pytest.raises(VehicleError, match=re.escape(message)):
-        replace(ducati, motor=replace(ducati.motor, **{key: value}))
 
 
 @given(

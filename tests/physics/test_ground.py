@@ -230,12 +230,6 @@ def test_a_start_on_a_slope_is_the_state_that_was_asked_for(engine: SuperbikeEng
     assert engine.state() == pytest.approx(state, abs=1e-6)
 
 
-def test_a_start_on_a_slope_does_not_bounce(engine: SuperbikeEngine) -> None:
-    _, there = ride(engine, ground(grade=0.09, bank=0.05), 20.0, 1.0)
-    _, level = ride(engine, flat_ground(), 20.0, 1.0)
-    assert loads(there)[:50] == pytest.approx(loads(level)[:50], rel=0.02)
-
-
 @pytest.mark.parametrize("crest", [-4e-3, 4e-3])
 def test_a_start_on_a_crest_and_in_a_dip_does_not_bounce(engine: SuperbikeEngine, crest: float) -> None:
     """Both wheels stand on the road that bends away below or up to the machine, and the machine turns with it."""
@@ -286,10 +280,10 @@ def test_the_normal_is_that_of_the_height() -> None:
     patch = ground(grade=0.05, bank=-0.03, crest=1e-3, x=1.0, y=2.0, cos=0.8, sin=0.6, bumps=2.0).record["rear"][0]
     rng = np.random.default_rng(1)
     for x, y in rng.uniform(-3.0, 3.0, (50, 2)):
-        normal = surface_at(x, y, patch, profile).normal
+        normal = surface_at(x, y, patch, profile)[1]
         d = 1e-6
-        east = (surface_at(x + d, y, patch, profile).height - surface_at(x - d, y, patch, profile).height) / (2.0 * d)
-        north = (surface_at(x, y + d, patch, profile).height - surface_at(x, y - d, patch, profile).height) / (2.0 * d)
+        east = (surface_at(x + d, y, patch, profile)[0] - surface_at(x - d, y, patch, profile)[0]) / (2.0 * d)
+        north = (surface_at(x, y + d, patch, profile)[0] - surface_at(x, y - d, patch, profile)[0]) / (2.0 * d)
         assert np.array(normal) == pytest.approx(
             np.array([-east, -north, 1.0]) / math.sqrt(1.0 + east**2 + north**2), abs=1e-6
         )

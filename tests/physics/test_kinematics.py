@@ -25,7 +25,6 @@ states = some.tuples(
 def test_reference_configuration() -> None:
     state = st.upright_state(4.0, VEHICLE.rF)
     assert kin.pitch(0.0, 0.0, P) == pytest.approx(0.0, abs=1e-15)
-    assert kin.wheelbase(0.0, 0.0, P) == pytest.approx(1.02, abs=1e-14)
     assert kin.front_contact(state, P) == pytest.approx((1.02, 0.0), abs=1e-14)
     assert kin.rear_speed(state, P) == pytest.approx(4.0, rel=1e-14)
     assert kin.rear_wheel_rate(state, P) == pytest.approx(4.0 / 0.3, rel=1e-14)
@@ -55,31 +54,6 @@ def test_pitch_is_continuous_from_upright(angle: np.ndarray) -> None:
 
 def test_pitch_is_nan_where_no_bicycle_can_stand() -> None:
     assert math.isnan(kin.pitch(math.radians(80.0), math.radians(70.0), P))
-
-
-@given(states)
-def test_pitch_rate_is_the_derivative_of_pitch(state: np.ndarray) -> None:
-    step = 1e-6
-    roll_step, steer_step = step * state[st.ROLL_RATE], step * state[st.STEER_RATE]
-    ahead = kin.pitch(state[st.ROLL] + roll_step, state[st.STEER] + steer_step, P)
-    behind = kin.pitch(state[st.ROLL] - roll_step, state[st.STEER] - steer_step, P)
-    assert kin.pitch_rate(state, P) == pytest.approx((ahead - behind) / (2 * step), rel=1e-5, abs=1e-6)
-
-
-@given(states)
-def test_contacts_move_along_their_wheels(state: np.ndarray) -> None:
-    """Neither wheel slips sideways: each contact point moves in the heading of its wheel."""
-    yaw_rate, speed, _ = kin.rates(state, P)
-    rates = np.zeros(st.STATE_SIZE)
-    rates[[st.X, st.Y]] = speed * math.cos(state[st.YAW]), speed * math.sin(state[st.YAW])
-    rates[[st.YAW, st.ROLL, st.STEER]] = yaw_rate, state[st.ROLL_RATE], state[st.STEER_RATE]
-    step = 1e-6
-    ahead = np.array(kin.front_contact(state + step * rates, P))
-    behind = np.array(kin.front_contact(state - step * rates, P))
-    velocity = (ahead - behind) / (2 * step)
-    heading = state[st.YAW] + kin.front_direction(state[st.ROLL], state[st.STEER], P)
-    across = -velocity[0] * math.sin(heading) + velocity[1] * math.cos(heading)
-    assert abs(across) < 1e-5 * (1.0 + np.abs(rates).max())
 
 
 @given(some.floats(-1.0, 1.0), some.floats(-1.2, 1.2), some.floats(-20.0, 20.0))

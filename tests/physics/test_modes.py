@@ -64,14 +64,14 @@ def test_modes_of_a_linear_engine_are_found_exactly(time_step: float, memory: fl
 def test_weave_and_capsize_speed_of_a_linear_engine_are_the_published_ones() -> None:
     engine = LinearEngine(0.005)
     # Meijaard et al. (2007), section 5: stable from 4.292 to 6.024 m/s
-    assert linear.measured_weave_speed(engine, 3.5, 5.0) == pytest.approx(4.292, abs=5e-4)
-    assert linear.measured_capsize_speed(engine, 5.5, 7.0) == pytest.approx(6.024, abs=5e-4)
+    assert linear.measured_speed(engine, "weave", 3.5, 5.0) == pytest.approx(4.292, abs=5e-4)
+    assert linear.measured_speed(engine, "capsize", 5.5, 7.0) == pytest.approx(6.024, abs=5e-4)
 
 
 def test_a_bracket_without_a_change_of_stability_is_refused() -> None:
     engine = LinearEngine(0.005)
     with pytest.raises(ValueError, match="no change of stability between 5 and 6 m/s"):
-        linear.measured_weave_speed(engine, 5.0, 6.0)
+        linear.measured_speed(engine, "weave", 5.0, 6.0)
 
 
 @pytest.mark.parametrize("kind", ["pybullet", "whipple"])

@@ -59,22 +59,6 @@ def test_both_move_a_tree_with_further_joints_alike() -> None:
     assert abs(ends[0]["velocity"][0, 0] - 31.0) > 0.01
 
 
-def test_a_sprung_body_swings_at_its_frequency() -> None:
-    """Against a base of a thousand times its mass: root of stiffness by mass, decay by half the damping by mass."""
-    origin, inertia = np.zeros(3), np.diag([1e4, 2e4, 3e4])
-    heavy = Body("base", 1000.0 * MASS, origin, inertia, Joint.FREE, -1, origin, np.array([0.0, 1.0, 0.0]))
-    tree = (heavy, *superbike_tree(VEHICLE)[1:4], SPRUNG)
-    motion = np.zeros(1, dtype=articulated.motion_record(len(tree)))
-    motion["orientation"][0, 3], motion["joints"][0, 3] = 1.0, 0.01
-    record, work, nothing = articulated.tree_record(tree, 0.0), articulated.workspace(len(tree)), (0.0, 0.0, 0.0)
-    decay = 0.5 * DAMPER / MASS
-    period = 2.0 * np.pi / np.sqrt(SPRING / MASS - decay**2)
-    for _ in range(round(period / 1e-5)):
-        articulated.accelerate(motion[0], nothing, nothing, (0.0, 0.0, 0.0, 0.0), record[0], work[0])
-        articulated.integrate(motion[0], work[0], 1e-5)
-    assert motion["joints"][0, 3] == pytest.approx(0.01 * np.exp(-decay * period), rel=5e-3)
-
-
 def test_a_closed_engine_refuses_to_go_on() -> None:
     engine = BulletSuperbikeEngine(VEHICLE, STEP)
     engine.close()

@@ -32,24 +32,12 @@ def test_every_published_figure_is_met(kind: str, time_step: float) -> None:
     assert len(result.checks) >= 13
 
 
-def test_the_limits_are_those_promised() -> None:
-    checks = {check.name: check for check in validated("pybullet", 0.001).checks}
-    weave, capsize = checks["weave_speed_m_s"], checks["capsize_speed_m_s"]
-    assert (weave.low, weave.high) == pytest.approx((4.292 * 0.9975, 4.292 * 1.0025), abs=5e-4)
-    assert (capsize.low, capsize.high) == pytest.approx((6.024 * 0.9975, 6.024 * 1.0025), abs=5e-4)
-    for name in ("weave_real", "weave_imaginary", "capsize"):
-        assert checks[f"{name}_error_max_1_s"].high == 0.04
-    assert checks["front_direction_error_max_deg"].high == 0.1
-    assert checks["steering_overshoot_percent"].high == 10.0
-    assert checks["speed_loss_60_s_percent"].high == 0.01
-
-
 def test_a_spoilt_engine_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     # Contacts solved too sloppily, as Bullet's defaults would: the checks must notice.
     monkeypatch.setattr("bike_sim.physics.bicycle.bullet._FRICTION", 0.5)
     monkeypatch.setattr("bike_sim.physics.bicycle.bullet._MARGIN", 0.002)
-    result = validation.validate(VEHICLE, "pybullet", 0.001)
-    assert {check.name for check in result.checks if not check.passed} >= {"capsize_speed_m_s"}
+    checks = validation.stability_limits(validation.Run(VEHICLE, "pybullet", 0.001))
+    assert "capsize_speed_m_s" in {check.name for check in checks if not check.passed}
 
 
 def test_nan_does_not_pass() -> None:

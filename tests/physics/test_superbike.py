@@ -125,6 +125,9 @@ def test_records_for_compiled_code_carry_every_number_by_its_name() -> None:
         ("rear_tyre", "friction", float("nan"), "rear_tyre.friction = nan is not a finite number"),
         ("motor", "peak_power_rpm", 9000.0, "peak_torque_rpm"),
         ("motor", "final_ratio", 0.1, "m/s at the limiter in top gear; at most 200 m/s"),
+        ("motor", "gear_3", 2.9, "gear_1 >= gear_2"),
+        ("motor", "gear_6", 0.0, "motor.gear_6 = 0.0 must be positive"),
+        ("motor", "peak_torque", 90.0, "needs 101.442 N m, more than motor.peak_torque = 90"),
         ("brakes", "front_share", 1.2, "between 0 and 1"),
         ("virtual_rider", "max_lean_deg", 80.0, "below the fall"),
         ("bodies", "wet_mass", 20.0, "leaves no mass for the frame"),
@@ -192,24 +195,6 @@ def test_steady_lateral_by_hand() -> None:
     root = math.sqrt(0.5)
     y, z = (h - c) * root + offset * root, c + (h - c) * root - offset * root
     assert statics.steady_lateral(v, math.radians(45.0), 1e4) == pytest.approx(9.81 * y / z, rel=1e-6)
-
-
-def test_crowns_and_spin_cost_lateral_acceleration_and_hang_off_gives() -> None:
-    lean, speed = math.radians(50.0), 40.0
-    plain = statics.steady_lateral(blade(), lean, speed)
-    spinning = statics.steady_lateral(replace(blade(), IRyy=0.64, IRxx=0.4, IFyy=0.48, IFxx=0.28), lean, speed)
-    round_tyres = replace(blade(), front_tyre=DUCATI.front_tyre, rear_tyre=DUCATI.rear_tyre)
-    hanging = replace(blade(), rider=DUCATI.rider)
-    assert spinning < plain
-    assert statics.steady_lateral(round_tyres, lean, speed) < plain
-    assert statics.steady_lateral(hanging, lean, speed) > plain
-
-
-def test_loads_of_the_standing_machine() -> None:
-    rear, front = statics.wheel_loads(DUCATI, 0.0, 0.0, 0.0)
-    x, _ = DUCATI.centre_of_mass
-    assert rear + front == pytest.approx(DUCATI.mass * 9.81)
-    assert front * DUCATI.w == pytest.approx(DUCATI.mass * 9.81 * x)
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if MACHINES[name].joints is None])  # on racing tyres

@@ -125,22 +125,6 @@ def test_energy_is_conserved_to_the_order_of_the_integrator() -> None:
     assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.2)
 
 
-def test_order_of_convergence_is_four() -> None:
-    """Halving the step divides the error by 16, here of a hard ride to and fro with the drive on."""
-
-    def hard(time_step: float) -> Array:
-        state = wobbling(5.0)
-        for steer_set in (0.2, -0.1, 0.15, 0.0):
-            state = ride(state, 0.2, time_step, VEHICLE, steer_set)
-        return state
-
-    exact = hard(0.00025)
-    errors = [np.abs(hard(h) - exact)[3:5].max() for h in (0.01, 0.005, 0.0025)]
-    assert errors[0] < 1e-4
-    orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    np.testing.assert_allclose(orders, 4.0, atol=0.4)
-
-
 def test_violent_start_settles_to_the_speed_that_its_energy_gives() -> None:
     """Published nonlinear start (4.6 m/s, 0.5 rad/s of roll rate): the wobble ends and its energy is speed.
 
