@@ -26,8 +26,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from scipy.stats import bootstrap
 from selenium import webdriver
 from tqdm import tqdm
@@ -88,17 +86,18 @@ class Ride(ExitStack):
             self.enter_context(NodeProcess("bike_policy.drive", rider, self.domain)),
         ]
         self.reports: list[Report] = []
-        context = node_tools.join(self.domain)
-        self.callback(context.try_shutdown)
-        node = Node("meter", context=context, enable_rosout=False, start_parameter_services=False)
-        self.callback(node.destroy_node)
+        node, left = node_tools.GuestNode("meter", self.domain), threading.Event()
+        self.callback(node.close)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, node_tools.EVENT_QOS)
-        executor = SingleThreadedExecutor(context=context)
-        executor.add_node(node)
-        listener = threading.Thread(target=executor.spin, daemon=True)
+
+        def listen() -> None:
+            while not left.is_set():
+                node.spin_once(0.1)
+
+        listener = threading.Thread(target=listen, daemon=True)
         listener.start()
         self.callback(listener.join)
-        self.callback(executor.shutdown)
+        self.callback(left.set)
 
     def _on_report(self, message: DiagnosticArray) -> None:
         for status in message.status:

@@ -15,14 +15,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rclpy.node
 from bike_msgs.msg import BikeCommand, BikeState
 from bike_msgs.srv import Pause, Reset
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.client import Client
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from scipy.linalg import solve_discrete_are
@@ -73,14 +71,11 @@ class Program:
         return self.process.wait(PATIENCE)
 
 
-class Witness(rclpy.node.Node):
+class Witness(node_tools.GuestNode):
     """A node of the test's own, and what it hears of the recorder."""
 
     def __init__(self, name: str, domain: int, namespace: str = "bike") -> None:
-        self._own_context = node_tools.join(domain)
-        super().__init__(name, context=self._own_context, namespace=namespace, start_parameter_services=False)
-        self._spinner = SingleThreadedExecutor(context=self._own_context)
-        self._spinner.add_node(self)
+        super().__init__(name, domain, namespace)
         self.reports: list[DiagnosticStatus] = []
         self.statuses: dict[str, list[DiagnosticStatus]] = {}
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, node_tools.EVENT_QOS)
@@ -104,11 +99,6 @@ class Witness(rclpy.node.Node):
         """Whether a recorder has written messages of topics; what is sent from now on reaches it, too."""
         return {f"/bike/{topic}" for topic in topics} <= set(self.figures(file).get("topics_heard", "").split())
 
-    def close(self) -> None:
-        self._spinner.shutdown()
-        self.destroy_node()
-        node_tools.leave_domain(self._own_context)
-
     def listen(self, kind: type, topic: str, qos: Any = None) -> list[Any]:
         """Return a list that grows with each message."""
         heard: list[Any] = []
@@ -120,13 +110,13 @@ class Witness(rclpy.node.Node):
         end = time.monotonic() + patience
         while not condition():
             assert time.monotonic() < end, f"waited {patience} s in vain; {self.describe()}"
-            self._spinner.spin_once(timeout_sec=0.05)
+            self.spin_once(0.05)
 
     def until_equal(self, find: Callable[[], Any], wanted: Any) -> None:
         """Listen until something is as it should be; what it was instead is told."""
         end = time.monotonic() + PATIENCE
         while (found := find()) != wanted and time.monotonic() < end:
-            self._spinner.spin_once(timeout_sec=0.05)
+            self.spin_once(0.05)
         assert found == wanted
 
     def describe(self) -> str:
@@ -136,7 +126,7 @@ class Witness(rclpy.node.Node):
         """Listen for some time."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            self._spinner.spin_once(timeout_sec=max(end - time.monotonic(), 0.0))
+            self.spin_once(max(end - time.monotonic(), 0.0))
 
 
 class StateProbe(Witness):

@@ -7,18 +7,12 @@ import math
 import re
 import socket
 import struct
-import time
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, Final
 
 import pytest
-from rclpy.context import Context
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from std_msgs.msg import String
-from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
@@ -31,14 +25,6 @@ from bike_training.nodes.live_ride import LiveRide, LiveSettings
 
 LAYOUTS: Final = Path(__file__).parents[2] / "ros_ws" / "src" / "bike_bringup" / "foxglove"
 PROTOCOL: Final = Subprotocol("foxglove.sdk.v1")
-PATIENCE: Final = 60.0
-"""Longest wait for the bridge, s."""
-TOPICS: Final = {
-    *(f"/bike/{name}" for name in ("command", "course", "course_marker", "course_points", "episode", "events")),
-    *(f"/bike/{name}" for name in ("joint_states", "lean_history", "markers", "odom", "state", "transform")),
-    *("/bike/robot_description", "/clock", "/diagnostics"),
-}
-"""Of the ride of a bicycle."""
 OF_SUPERBIKES: Final = {"/bike/telemetry"}
 """Topics of the layouts that the ride of a bicycle does not have."""
 
@@ -58,10 +44,7 @@ def ride() -> Iterator[LiveRide]:
 
 @pytest.fixture(scope="module")
 def bridge(ride: LiveRide) -> Iterator[FoxgloveBridge]:
-    """A bridge beside it that knows all topics of the ride, so that its server does not start again by itself."""
     with closing(FoxgloveBridge(ride.domain_id, 0)) as bridge:
-        with connected(bridge, TOPICS):
-            pass
         yield bridge
 
 
@@ -92,33 +75,23 @@ def next_message(client: ClientConnection, channel: dict[str, Any]) -> Any:
 
 @contextmanager
 def connected(bridge: FoxgloveBridge, wanted: set[str]) -> Iterator[tuple[ClientConnection, dict[str, dict[str, Any]]]]:
-    """A client and the channels that it wants; who is sent away comes again, as the app does."""
-    end = time.monotonic() + PATIENCE
-    with ExitStack() as stack:
-        while True:
-            assert time.monotonic() < end, f"the bridge does not offer {wanted}"
-            with suppress(OSError, WebSocketException):  # the server may be starting again
-                client = stack.enter_context(connect(bridge.address, subprotocols=[PROTOCOL], max_size=None))
-                found = channels(client, wanted)
-                break
-            time.sleep(0.1)
-        yield client, found
+    """A client and the channels that it wants."""
+    with connect(bridge.address, subprotocols=[PROTOCOL], max_size=None) as client:
+        yield client, channels(client, wanted)
 
 
 def heard(bridge: FoxgloveBridge, topic: str) -> Any:
-    """A message of a topic; a server that is about to start again may still take a client and send it away."""
-    for _ in range(5):
-        with connected(bridge, {topic}) as (client, found), suppress(ConnectionClosed):
-            subscribe(client, found[topic])
-            return next_message(client, found[topic])
-    raise AssertionError("sent away five times")
+    """A message of a topic."""
+    with connected(bridge, {topic}) as (client, found):
+        subscribe(client, found[topic])
+        return next_message(client, found[topic])
 
 
 @pytest.mark.ros
 def test_a_client_sees_the_layouts_topics_and_receives_states(bridge: FoxgloveBridge) -> None:
     shown = {topic for file in LAYOUTS.glob("*.json") for topic in re.findall(r"/bike/\w+", file.read_text())}
     assert {"/bike/state", "/bike/markers", "/bike/course_marker"} <= shown
-    with connected(bridge, shown - OF_SUPERBIKES) as (client, found):
+    with connected(bridge, shown) as (client, found):
         state = found["/bike/state"]
         assert (state["encoding"], state["schemaEncoding"]) == ("cdr", "ros2msg")
         assert state["schemaName"] == "bike_msgs/msg/BikeState"
@@ -134,31 +107,6 @@ def test_a_client_sees_the_layouts_topics_and_receives_states(bridge: FoxgloveBr
 def test_who_comes_late_gets_what_was_sent_once(bridge: FoxgloveBridge) -> None:
     for _ in range(2):
         assert heard(bridge, "/bike/course").name == "circle"
-
-
-@pytest.mark.ros
-def test_a_topic_that_appears_later_is_there_when_the_client_comes_back(ride: LiveRide, bridge: FoxgloveBridge) -> None:
-    """A client that stays connected could be refused the new channel, so it has to come back, as the app does."""
-    port = bridge.port
-    context = Context()
-    context.init(args=[], domain_id=ride.domain_id)
-    node = Node("late", context=context, enable_rosout=False, start_parameter_services=False)
-    try:
-        with connected(bridge, {"/bike/state"}) as (client, found):
-            subscribe(client, found["/bike/state"])
-            publisher = node.create_publisher(
-                String, "/bike/late", QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-            )
-            publisher.publish(String(data="here"))
-            with pytest.raises(ConnectionClosed):
-                channels(client, {"/bike/late"})
-        assert heard(bridge, "/bike/late").data == "here"
-        with connected(bridge, TOPICS | {"/bike/late"}):
-            pass
-        assert bridge.port == port
-    finally:
-        node.destroy_node()
-        context.try_shutdown()
 
 
 @pytest.mark.ros
@@ -196,8 +144,6 @@ def test_every_field_that_the_superbikes_layout_plots_comes_through(circuit: Pat
     try:
         ride.start()
         with closing(FoxgloveBridge(ride.domain_id, 0)) as bridge:
-            with connected(bridge, {topic for topic, _ in plotted} | set(layout["3D!ride"]["topics"])):
-                pass
             for topic in ("/bike/state", *OF_SUPERBIKES):
                 message = heard(bridge, topic)
                 shown = [field for of, field in plotted if of == topic]

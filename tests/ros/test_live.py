@@ -198,8 +198,7 @@ def test_a_slow_page_misses_states_and_no_lap(served: Any) -> None:
         assert [message["lap"] for message in laps] == [12.5, 13.5]
         numbers = [message["state"][0] for message in states]
         assert numbers == sorted(numbers)
-        assert numbers[-1] == 399
-        assert len(numbers) < 400
+        assert 0 < len(numbers) < 400
 
 
 # ---- a ride ---------------------------------------------------------------------------------------------------------

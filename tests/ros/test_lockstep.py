@@ -23,18 +23,18 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_vehicle
-from bike_training.envs.ros_client import RosClient, RosClientConfig
+from bike_training.envs.ros_client import RosClient
 from tests.same import assert_same
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]
 
 
-@pytest.mark.parametrize(("engine", "wait_set"), [("pybullet", True), ("whipple", False)])
-def test_the_same_seed_is_the_same_ride_in_process_and_through_ros(engine: str, wait_set: bool) -> None:
+@pytest.mark.parametrize("engine", ["pybullet", "whipple"])
+def test_the_same_seed_is_the_same_ride_in_process_and_through_ros(engine: str) -> None:
     config = SimulatorConfig(engine=engine, time_step=0.005, history=7)
     local = Simulator(config)
     local.reset(ResetRequest(course="line"))  # the node begins one of its own when it starts
-    with RosClient(config, RosClientConfig(wait_set=wait_set)) as client:
+    with RosClient(config) as client:
         for seed in (11, 12):
             request = ResetRequest(seed=seed, speed_range=(3.0, 6.0), perturb=True)
             ours, theirs = local.reset(request), client.reset(request)

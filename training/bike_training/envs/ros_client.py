@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
@@ -18,14 +17,12 @@ from typing import Final
 from bike_msgs.msg import BikeCommand, BikeState
 from bike_msgs.msg import Course as CourseMessage
 from bike_msgs.srv import Reset
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 
 from bike_sim.course.course import Course
 from bike_sim.ros import messages, node_tools
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.isolation import DOMAIN_VARIABLE, DomainLease
-from bike_sim.ros.subscriptions import RawReceiver, subscribe
+from bike_sim.ros.subscriptions import RawSubscription, subscribe
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.snapshot import Snapshot
@@ -40,10 +37,6 @@ RESEND_AFTER: Final = 0.5
 """Time without an answer after which a command is sent again, s."""
 
 
-HEARD: Final = 1000
-"""Received states kept until they are taken."""
-
-
 @dataclass(frozen=True)
 class RosClientConfig:
     """Access to a simulator.
@@ -53,15 +46,12 @@ class RosClientConfig:
         namespace: namespace of the simulator's topics.
         domain_id: ROS domain; None takes a free one for its own simulator, and this process's when joining.
         timeout: silence after which the simulator counts as lost, s.
-        wait_set: wait for answers with its own wait set instead of an executor: fewer microseconds a step,
-            but built on parts of rclpy that are not its public interface.
     """
 
     join: bool = False
     namespace: str = node_tools.NAMESPACE
     domain_id: int | None = None
     timeout: float = 10.0
-    wait_set: bool = True
 
 
 class RosClient(AbstractContextManager["RosClient"]):
@@ -100,28 +90,16 @@ class RosClient(AbstractContextManager["RosClient"]):
             parameters = asdict(self.config) | {"mode": "lockstep", "auto_reset": "never", "course": "line"}
             self._process = NodeProcess("bike_sim.ros.sim_node", parameters, self.domain_id, self._ros.namespace)
             self._close.callback(self._process.close)
-        context = node_tools.join(self.domain_id)
-        self._close.callback(node_tools.leave_domain, context)
-        self._node = Node(
-            f"ride_client_{os.getpid()}_{id(self) & 0xFFFF:x}",
-            context=context,
-            namespace=self._ros.namespace,
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
-        self._close.callback(self._node.destroy_node)
-        self._executor = SingleThreadedExecutor(context=context)
-        self._close.callback(self._executor.shutdown)
-        self._executor.add_node(self._node)
+        name = f"ride_client_{os.getpid()}_{id(self) & 0xFFFF:x}"
+        self._node = node_tools.GuestNode(name, self.domain_id, self._ros.namespace)
+        self._close.callback(self._node.close)
         self._commands = self._node.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
         # Before the subscriptions: a matched simulator knows where to send its answers; earlier ones are dropped.
         self._reset_service = self._node.create_client(Reset, "reset")
-        # States that an executor took while it waited for something else.
-        self._heard: deque[bytes] = deque(maxlen=HEARD)
         self._course: tuple[int, Course] | None = None
         subscribe(self._node, CourseMessage, "course", self._on_course, node_tools.LATCHED_QOS)
-        states = self._node.create_subscription(BikeState, "state", self._on_state, node_tools.SENDER_QOS, raw=True)
-        self._fast = RawReceiver(states, context) if self._ros.wait_set else None
+        self._states = RawSubscription(self._node, BikeState, "state", node_tools.SENDER_QOS)
+        self._close.callback(self._states.close)
         self._last: Snapshot | None = None
         self._wait_until(self._connected, START_TIMEOUT, "did not appear")
 
@@ -231,24 +209,12 @@ class RosClient(AbstractContextManager["RosClient"]):
 
     def _receive(self, timeout: float) -> Snapshot | None:
         """Return the next state, or None after the time-out."""
-        data = None
-        if not self._heard:
-            if self._fast is not None:
-                data = self._fast.take(timeout)
-            else:
-                self._executor.spin_once(timeout_sec=timeout)
-        if data is None and self._heard:
-            data = self._heard.popleft()
-        if data is None:
-            return None
+        data = self._states.wait(timeout)
         try:
-            return messages.decode_state(data).snapshot
+            return None if data is None else messages.decode_state(data).snapshot
         except ValueError as error:
             self._node.get_logger().error(f"a state cannot be read: {error}", once=True)
             return None
-
-    def _on_state(self, message: bytes) -> None:
-        self._heard.append(message)
 
     def _on_course(self, message: CourseMessage) -> None:
         self._course = (message.episode, messages.course_from_message(message))
@@ -261,14 +227,14 @@ class RosClient(AbstractContextManager["RosClient"]):
     def _wait_until(self, condition: Callable[[], bool], timeout: float, complaint: str) -> None:
         patience = self._patience(timeout)
         while not condition():
-            self._executor.spin_once(timeout_sec=0.02)
+            self._node.spin_once(0.02)
             self._check_alive()
             if patience.is_out():
                 raise self._lost(f"{complaint} within {timeout:g} s")
 
     def _patience(self, limit: float) -> InactivityTimeout:
         """Return the longest accepted silence, s; a working child simulator is not silent."""
-        return InactivityTimeout(limit, [self._process] if self._process is not None else [])
+        return InactivityTimeout(limit, [process for process in (self._process,) if process is not None])
 
     def _check_alive(self) -> None:
         if self._process is not None:

@@ -12,11 +12,10 @@ import http
 import json
 import secrets
 import threading
-from collections import deque
 from collections.abc import Callable
 from typing import Any, Final
 
-from websockets.asyncio.server import ServerConnection, serve
+from websockets.asyncio.server import ServerConnection, broadcast, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
@@ -26,33 +25,10 @@ from bike_training.nodes.live_ride import checked_request
 HOST: Final = "127.0.0.1"
 MAX_REQUEST: Final = 1000
 """Largest message of a page, bytes."""
-QUEUED: Final = 120
-"""Messages that wait for a slow page; then the oldest states are dropped, and events, laps and status are kept."""
+MAX_UNSENT: Final = 100_000
+"""Bytes that wait for a slow page, beyond which it misses states; events, laps and status are kept."""
 MOST_PAGES: Final = 8
 """Pages that are open at the same time."""
-
-
-class _Mailbox:
-    """Messages on their way to one page, in the server's thread."""
-
-    def __init__(self) -> None:
-        self._messages: deque[tuple[bool, str]] = deque()
-        self._filled = asyncio.Event()
-
-    def put(self, text: str, passing: bool) -> None:
-        """Add a message; in a full box the oldest of those goes that the next one of their kind replaces."""
-        if len(self._messages) >= QUEUED:
-            oldest = next((place for place, (passes, _) in enumerate(self._messages) if passes), 0)
-            del self._messages[oldest]
-        self._messages.append((passing, text))
-        self._filled.set()
-
-    async def get(self) -> str:
-        """Take the oldest message, as soon as there is one."""
-        while not self._messages:
-            self._filled.clear()
-            await self._filled.wait()
-        return self._messages.popleft()[1]
 
 
 class LiveServer:
@@ -84,7 +60,7 @@ class LiveServer:
         self._requests = requests
         self._wanted_port = port
         self._token = secrets.token_urlsafe(16)
-        self._pages: set[_Mailbox] = set()
+        self._pages: set[ServerConnection] = set()
         self._loop = asyncio.new_event_loop()
         self._listening = threading.Event()
         self._failure: OSError | None = None
@@ -177,18 +153,15 @@ class LiveServer:
         return Response(200, "OK", headers, self._page)
 
     async def _talk(self, connection: ServerConnection) -> None:
-        messages = _Mailbox()
-        messages.put(json.dumps(self._greeting()), passing=False)
-        self._pages.add(messages)
-        sending = asyncio.create_task(self._send(connection, messages))
+        broadcast([connection], json.dumps(self._greeting()))
+        self._pages.add(connection)
         try:
             async for text in connection:
                 self._take(text)
         except ConnectionClosed:
             pass
         finally:
-            self._pages.discard(messages)
-            sending.cancel()
+            self._pages.discard(connection)
 
     def _take(self, text: str | bytes) -> None:
         try:
@@ -198,13 +171,6 @@ class LiveServer:
         if request is not None:
             self._requests(request)
 
-    async def _send(self, connection: ServerConnection, messages: _Mailbox) -> None:
-        while True:
-            try:
-                await connection.send(await messages.get())
-            except ConnectionClosed:
-                return
-
     def _put(self, text: str, passing: bool) -> None:
-        for messages in self._pages:
-            messages.put(text, passing)
+        pages = (page for page in self._pages if not passing or page.transport.get_write_buffer_size() < MAX_UNSENT)
+        broadcast(pages, text)

@@ -15,13 +15,11 @@ from typing import Any, Final
 from bike_msgs.msg import BikeState, EpisodeStart, RideEvent
 from bike_msgs.msg import Course as CourseMessage
 from bike_msgs.srv import Pause, Reset
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 
 from bike_analysis.read.messages import Simulation
 from bike_sim.course.course import Course
 from bike_sim.ros import messages, node_tools
+from bike_sim.ros.node_tools import GuestNode
 from bike_sim.ros.subscriptions import RawSubscription, subscribe
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.files import load_vehicle
@@ -88,18 +86,7 @@ class LiveWatch(LiveThread):
     # ------------------------------------------------------------------------------------------------ in its own thread
 
     def _live(self) -> None:
-        context = node_tools.join(self.domain_id)
-        try:
-            self._watch(context)
-        finally:
-            node_tools.leave_domain(context)
-
-    def _watch(self, context: Context) -> None:
-        node = Node(
-            "live_watch", context=context, namespace=self.namespace, enable_rosout=False, start_parameter_services=False
-        )
-        executor = SingleThreadedExecutor(context=context)
-        executor.add_node(node)
+        node = GuestNode("live_watch", self.domain_id, self.namespace)
         # Before the subscriptions: a matched simulator knows where to send its answers; earlier ones are dropped.
         self._pause_service = node.create_client(Pause, "pause")
         self._reset_service = node.create_client(Reset, "reset")
@@ -108,22 +95,21 @@ class LiveWatch(LiveThread):
         subscribe(node, RideEvent, "events", self._events.append, node_tools.EVENT_QOS)
         states = RawSubscription(node, BikeState, node_tools.SCREEN_STATE, node_tools.SCREEN_QOS)
         try:
-            self._find(executor, states)
+            self._find(node, states)
             self._begun.set()
             while not self._ended.wait(self._period):
-                executor.spin_once(timeout_sec=0.0)
+                node.spin_once(0.0)
                 self._take(states)
                 self._pass_on(node)
                 self._obey()
         finally:
             states.close()
-            executor.shutdown()
-            node.destroy_node()
+            node.close()
 
-    def _find(self, executor: SingleThreadedExecutor, states: RawSubscription) -> None:
+    def _find(self, node: GuestNode, states: RawSubscription) -> None:
         until = time.monotonic() + START_TIMEOUT
         while not self._ready():
-            executor.spin_once(timeout_sec=PERIOD)
+            node.spin_once(PERIOD)
             self._take(states)
             if self._ended.is_set() or time.monotonic() > until:
                 raise NodeLost(
@@ -156,7 +142,7 @@ class LiveWatch(LiveThread):
         if taken:
             self._latest, self._heard_at = (taken[-1][0], taken[-1][2]), time.monotonic()
 
-    def _pass_on(self, node: Node) -> None:
+    def _pass_on(self, node: GuestNode) -> None:
         """Send the newest state and all events; a lockstep that waits repeats a state, which is sent once."""
         now = time.monotonic()
         self._look_for(node, now)
@@ -190,7 +176,7 @@ class LiveWatch(LiveThread):
             self._period = RACING_PERIOD if pace > RACING else PERIOD
         self._pace_from = (time, sent)
 
-    def _look_for(self, node: Node, now: float) -> None:
+    def _look_for(self, node: GuestNode, now: float) -> None:
         gone = now - self._heard_at > GONE_AFTER and not node.count_publishers(f"{self.namespace}/state")
         if gone and not self._gone:
             self._report({"event": "the simulator is gone"})
@@ -206,7 +192,9 @@ class LiveWatch(LiveThread):
                 future = self._pause_service.call_async(Pause.Request(paused=request["on"]))
                 future.add_done_callback(lambda _, on=request["on"]: self._on_paused(on))
             elif request["type"] == "reset" and self._start is not None and self._reset_service.service_is_ready():
-                self._reset_service.call_async(again(self._start)).add_done_callback(self._on_reset)
+                # As it began before: how an episode began has all fields of a request.
+                again = {name: getattr(self._start, name) for name in Reset.Request.get_fields_and_field_types()}
+                self._reset_service.call_async(Reset.Request(**again)).add_done_callback(self._on_reset)
 
     def _on_paused(self, on: bool) -> None:
         self._paused = on
@@ -222,18 +210,6 @@ class LiveWatch(LiveThread):
 
     def _on_course(self, message: CourseMessage) -> None:
         self._course_message = message
-
-
-def again(start: EpisodeStart) -> Reset.Request:
-    """Return the request that begins an episode as it began before.
-
-    Args:
-        start: how it began; it has all fields of a request.
-    """
-    request = Reset.Request()
-    for name in request.get_fields_and_field_types():
-        setattr(request, name, getattr(start, name))
-    return request
 
 
 def _same_line(one: Course | None, other: Course | None) -> bool:

@@ -15,8 +15,6 @@ from typing import Any, Final
 from bike_msgs.msg import BikeState
 from bike_msgs.srv import Pause
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 
 from bike_policy.riders.classical import CLASSICAL
 from bike_sim.physics.superbike.engine import TIME_STEP
@@ -103,16 +101,7 @@ class RideMonitor(AbstractContextManager["RideMonitor"]):
 
     def __init__(self, domain_id: int, namespace: str = node_tools.NAMESPACE) -> None:
         """Join the domain."""
-        self._context = node_tools.join(domain_id)
-        self._node = Node(
-            f"ride_monitor_{os.getpid()}",
-            context=self._context,
-            namespace=namespace,
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        self._node = node_tools.GuestNode(f"ride_monitor_{os.getpid()}", domain_id, namespace)
         self._state: BikeState | None = None
         self._recorded: frozenset[str] = frozenset()
         self._recorder = f"{self._node.get_namespace()}/record".lstrip("/")
@@ -123,9 +112,7 @@ class RideMonitor(AbstractContextManager["RideMonitor"]):
 
     def __exit__(self, *_: object) -> None:
         """Leave the domain."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-        node_tools.leave_domain(self._context)
+        self._node.close()
 
     def _on_state(self, message: BikeState) -> None:
         self._state = message
@@ -176,7 +163,7 @@ class RideMonitor(AbstractContextManager["RideMonitor"]):
         patience = InactivityTimeout(timeout, needed)
         explain_at = time.monotonic() + LONG_START
         while not condition():
-            self._executor.spin_once(0.05)
+            self._node.spin_once(0.05)
             for process in needed:
                 process.check()
             if patience.is_out():
@@ -207,7 +194,7 @@ class RideMonitor(AbstractContextManager["RideMonitor"]):
         patience = InactivityTimeout(SILENCE, needed)
         step = -1
         while True:
-            self._executor.spin_once(0.05)
+            self._node.spin_once(0.05)
             state = self._state
             if state is not None and state.step != step:
                 step = state.step

@@ -9,14 +9,13 @@ observer has found of delays and sensors, which a new one finds again.
 from __future__ import annotations
 
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Any, Final, NoReturn
 
 import numpy as np
 import rclpy.node
-from bike_msgs.msg import BikeCommand, BikeState
+from bike_msgs.msg import BikeState
 from bike_msgs.msg import Course as CourseMessage
 
 from bike_policy.contract.bundle import DEFAULT_POLICY
@@ -27,6 +26,7 @@ from bike_sim.ros.command_gate import Command
 from bike_sim.ros.messages import StateMessage, course_from_message, decode_state, encode_command
 from bike_sim.ros.node_tools import CannotGoOn, ParameterSpec
 from bike_sim.ros.subscriptions import subscribe
+from bike_sim.ros.topics import publisher
 from bike_sim.sim.disturbances import load_disturbances
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
@@ -62,24 +62,9 @@ REPORT_PERIOD: Final = 1.0
 LATENCY_WINDOW: Final = 100_000
 """Latencies kept for the figures since the start."""
 
-
-@dataclass
-class StateCounts:
-    """States since the node began.
-
-    Attributes:
-        answered: answered with a command.
-        repeated: came again.
-        stale: older than one that had come before.
-        refused: unreadable or not finite, so that no action exists.
-        over: the vehicle has fallen.
-    """
-
-    answered: int = 0
-    repeated: int = 0
-    stale: int = 0
-    refused: int = 0
-    over: int = 0
+COUNTED: Final = ("answered", "repeated", "stale", "refused", "over")
+"""Kinds of states: answered with a command; that came again; older than one that had come before; unreadable or not
+finite, so that no action exists; of a vehicle that has fallen."""
 
 
 class Drive(rclpy.node.Node):
@@ -104,11 +89,10 @@ class Drive(rclpy.node.Node):
         self._accept(values)
         self._last: StateMessage | None = None
         self._answered_at = self._heard_at = time.monotonic()
-        self._counts, self._reported = StateCounts(), StateCounts()
+        self._counts = Counter(dict.fromkeys(COUNTED, 0))
+        self._reported = self._counts.copy()
         self._latencies: deque[float] = deque(maxlen=LATENCY_WINDOW)
-        self._commands = self.create_publisher(
-            BikeCommand, "command", node_tools.SENDER_QOS, event_callbacks=node_tools.QUIET
-        )
+        self._commands = publisher(self, "command")
         self._started_at = time.monotonic()
         self._diagnostics = node_tools.Diagnostics(self)
         subscribe(self, CourseMessage, "course", self._on_course, node_tools.LATCHED_QOS)
@@ -130,7 +114,11 @@ class Drive(rclpy.node.Node):
     def finish(self) -> None:
         """Report a last time, also in the log."""
         self._report()
-        self.get_logger().info(f"{self._counts.answered} states answered, {self._latency_text()}")
+        latency = "no latency measured"
+        if self._latencies:
+            median, p99 = np.percentile(self._latencies, [50.0, 99.0]) * 1e3
+            latency = f"latency median {median:.3f} ms, 99th percentile {p99:.3f} ms"
+        self.get_logger().info(f"{self._counts['answered']} states answered, {latency}")
 
     def _accept(self, values: dict[str, Any]) -> None:
         if not values["stale_after_s"] > 0.0:
@@ -144,40 +132,40 @@ class Drive(rclpy.node.Node):
         try:
             message = decode_state(data)
         except ValueError as error:
-            self._counts.refused += 1
+            self._counts["refused"] += 1
             self.get_logger().error(f"a state cannot be read: {error}", once=True)
             return
         snapshot = message.snapshot
         if self._is_stale(message, began):
-            self._counts.stale += 1
+            self._counts["stale"] += 1
             return
         self._heard_at = began
         if self._is_settling(began):
             return
         repeated = self._last is not None and _same(message, self._last)
         if repeated:
-            self._counts.repeated += 1
+            self._counts["repeated"] += 1
             if began - self._answered_at < REANSWER_AFTER:
                 return
         if self._is_new_ride(message):
             if not self._fits(message):
                 return
         elif self._last is not None and _shape(message) != _shape(self._last):
-            self._counts.refused += 1
+            self._counts["refused"] += 1
             self.get_logger().error("a state has another shape than those of its episode before", once=True)
             return
         self._last = message
         if snapshot.fallen:
-            self._counts.over += 1
+            self._counts["over"] += 1
             return
         answer = self._rider.command(snapshot)
         if answer is None:
-            self._counts.refused += 1
+            self._counts["refused"] += 1
             return
         self._commands.publish(encode_command(Command(snapshot.episode, snapshot.step, *answer), message.stamp))
         self._answered_at = time.monotonic()
         if not repeated:
-            self._counts.answered += 1
+            self._counts["answered"] += 1
             self._latencies.append(self._answered_at - began)
 
     def _is_settling(self, now: float) -> bool:
@@ -247,10 +235,10 @@ class Drive(rclpy.node.Node):
         """Tell on diagnostics, and in the log where something is wrong."""
         silence = time.monotonic() - self._heard_at
         level, text = self._diagnostics.OK, "driving"
-        stale = self._counts.stale - self._reported.stale
-        refused = self._counts.refused - self._reported.refused
-        if stale or refused:
-            level, text = self._diagnostics.WARN, f"states in the last second: {stale} stale, {refused} not finite"
+        new = self._counts - self._reported
+        if new["stale"] or new["refused"]:
+            text = f"states in the last second: {new['stale']} stale, {new['refused']} not finite"
+            level = self._diagnostics.WARN
         elif self._last is None:
             text = "waiting for the first state and its course"
         elif silence > self._stale_after:
@@ -259,20 +247,14 @@ class Drive(rclpy.node.Node):
             text = "the vehicle has fallen, waiting for a reset"
         if level == self._diagnostics.WARN:
             self.get_logger().warning(text)
-        figures: dict[str, object] = {f"states_{name}": value for name, value in vars(self._counts).items()}
+        figures: dict[str, object] = {f"states_{name}": value for name, value in self._counts.items()}
         if self._latencies:
             median, p99 = np.percentile(self._latencies, [50.0, 99.0])
             figures |= {"latency_median_ms": median * 1e3, "latency_p99_ms": p99 * 1e3}
         figures["policy"] = self._rider.name
         stamp = 0 if self._last is None else self._last.stamp
         self._diagnostics.report(level, text, figures, stamp)
-        self._reported = replace(self._counts)
-
-    def _latency_text(self) -> str:
-        if not self._latencies:
-            return "no latency measured"
-        median, p99 = np.percentile(self._latencies, [50.0, 99.0]) * 1e3
-        return f"latency median {median:.3f} ms, 99th percentile {p99:.3f} ms"
+        self._reported = self._counts.copy()
 
 
 def _same(a: StateMessage, b: StateMessage) -> bool:

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from enum import Enum
+from collections import Counter
+from dataclasses import dataclass
+from enum import StrEnum
 
 ANY_EPISODE = 0
 """Episode number of a command that answers no particular state; episodes count from 1."""
 
 
-class Outcome(Enum):
-    """Outcome of a command."""
+class Outcome(StrEnum):
+    """Outcome of a command: it reaches the physics, answers an answered state again, an older one, or is not finite.
+
+    One that is out of range is taken as well.
+    """
 
     TAKEN = "taken"
     REPEATED = "repeated"
     STALE = "stale"
     REFUSED = "refused"
+    CLIPPED = "clipped"
 
 
 @dataclass(frozen=True)
@@ -36,29 +41,6 @@ class Command:
     throttle: float = 0.0
 
 
-@dataclass
-class CommandCounts:
-    """Commands since the node began.
-
-    Attributes:
-        taken: reached the physics.
-        repeated: answered an already answered state again.
-        stale: answered another episode or an older state.
-        refused: NaN or infinite.
-        clipped: taken, but out of range.
-    """
-
-    taken: int = 0
-    repeated: int = 0
-    stale: int = 0
-    refused: int = 0
-    clipped: int = 0
-
-    def since(self, before: CommandCounts) -> CommandCounts:
-        """Return the growth since an earlier copy."""
-        return CommandCounts(*(getattr(self, f.name) - getattr(before, f.name) for f in fields(self)))
-
-
 class CommandGate:
     """Judges commands and counts them.
 
@@ -73,7 +55,7 @@ class CommandGate:
             lockstep: whether only the answer to the last state is taken; else every recent command is.
         """
         self._lockstep = lockstep
-        self.counts = CommandCounts()
+        self.counts = Counter(dict.fromkeys(Outcome, 0))
 
     def check(self, command: Command, episode: int, step: int, oldest: int = 0) -> tuple[Outcome, Command]:
         """Judge a command against the state that waits for an answer.
@@ -88,13 +70,12 @@ class CommandGate:
             The outcome, and the command clipped to [-1, 1].
         """
         outcome = self._outcome(command, episode, step, oldest)
-        count = outcome.value
-        setattr(self.counts, count, getattr(self.counts, count) + 1)
+        self.counts[outcome] += 1
         if outcome is not Outcome.TAKEN:
             return outcome, command
-        steering, throttle = _clip(command.steering), _clip(command.throttle)
+        steering, throttle = (min(max(value, -1.0), 1.0) for value in (command.steering, command.throttle))
         if (steering, throttle) != (command.steering, command.throttle):
-            self.counts.clipped += 1
+            self.counts[Outcome.CLIPPED] += 1
             command = Command(command.episode, command.step, steering, throttle)
         return outcome, command
 
@@ -111,7 +92,3 @@ class CommandGate:
             return Outcome.TAKEN
         fits = command.episode == episode and oldest <= command.step <= step
         return Outcome.TAKEN if fits else Outcome.STALE
-
-
-def _clip(value: float) -> float:
-    return min(max(value, -1.0), 1.0)

@@ -53,14 +53,9 @@ COMMAND_TYPE: Final = "bike_msgs/msg/BikeCommand"
 _OWN: Final = -1.0
 """Line and progress of a reset that keep the simulator's own."""
 
-_RANGE_FIELDS: Final = (
-    "radius_min",
-    "radius_max",
-    "quintic_length_min",
-    "quintic_length_max",
-    "quintic_width_min",
-    "quintic_width_max",
-)
+_RANGES: Final = tuple(spec.name for spec in fields(PathRanges))
+_REQUEST: Final = ("seed", "course", "perturb", "line", "progress", "speed_share", "start_offset", "start_heading")
+"""Fields of a request that have the same name in its message."""
 
 # ------------------------------------------------------------------------------------------------------------ bytes
 
@@ -81,6 +76,12 @@ _Time = _MESSAGES["builtin_interfaces/msg/Time"]
 if not {*BIKE_STATE.names} <= {*_State.__dataclass_fields__}:
     raise ImportError("the installed bike_msgs/BikeState is another version than this software; build the workspace")
 
+_SHOWN: Final = ("episode", "step", "steer_torque", "fallen", "off_course", "finished", "fall")
+_ARRAYS: Final = ("preview_x", "preview_y", "signals")
+"""Fields of a snapshot that have the same name in the message."""
+_CONSTANTS: Final = ("vehicle", "steering_limit", "control_period", "course_length", "course_closed")
+"""The same of an episode."""
+_shown, _arrays, _constants = attrgetter(*_SHOWN), attrgetter(*_ARRAYS), attrgetter(*_CONSTANTS)
 _minimal_state = attrgetter(*STATE.names)
 _derived = attrgetter(*LOOK.names)
 _beyond = attrgetter(*LIMITS.names[lk.OUTSIDE :])
@@ -90,10 +91,6 @@ _preview: Final = lru_cache(maxsize=16)(Preview)
 
 _EMPTY: Final = np.zeros(0)
 _NO_LIMITS: Final = (0.0, 0.0, 0.0, 0.0)
-
-
-def _encode(message: Any, kind: str) -> bytes:
-    return bytes(_STORE.serialize_cdr(message, kind))
 
 
 def _decode(data: bytes, kind: str) -> Any:
@@ -180,29 +177,17 @@ def encode_state(snapshot: Snapshot, episode: Episode, stamp: int) -> bytes:
     values = vars(message)
     values |= zip(STATE.names, snapshot.state.tolist(), strict=True)
     values |= zip(LOOK.names, snapshot.look.tolist(), strict=True)
+    values |= zip(_SHOWN, _shown(snapshot), strict=True)
+    values |= zip(_ARRAYS, _arrays(snapshot), strict=True)
+    values |= zip(_CONSTANTS, episode, strict=False)
     values |= dict(
         header=header,
-        episode=snapshot.episode,
-        step=snapshot.step,
-        control_period=episode.control_period,
-        vehicle=episode.vehicle,
-        steering_limit=episode.steering_limit,
         steering_command=snapshot.steering,
         throttle_command=snapshot.throttle,
-        steer_torque=snapshot.steer_torque,
-        course_length=episode.course_length,
-        course_closed=episode.course_closed,
         preview_by_time=preview.by_time,
         preview_interval=preview.interval,
-        preview_x=snapshot.preview_x,
-        preview_y=snapshot.preview_y,
         roll_history=np.array(snapshot.roll_history, dtype=np.float64),
         steer_history=np.array(snapshot.steer_history, dtype=np.float64),
-        fallen=snapshot.fallen,
-        off_course=snapshot.off_course,
-        finished=snapshot.finished,
-        fall=snapshot.fall,
-        signals=snapshot.signals,
         centre_place=_EMPTY if view is None else view.place,
         outside=outside,
         limit_margins=_EMPTY if view is None else view.limits[: lk.OUTSIDE],
@@ -211,21 +196,9 @@ def encode_state(snapshot: Snapshot, episode: Episode, stamp: int) -> bytes:
         wrong_way=wrong_way != 0.0,
         course_points=_EMPTY if view is None else view.points.ravel(),
         wall_hit=_EMPTY if hit is None else np.array((hit.speed, hit.angle, hit.energy)),
-        events=[
-            _Event(
-                header=header,
-                episode=snapshot.episode,
-                step=snapshot.step,
-                kind=int(event.kind),
-                time=float(event.time),
-                progress=float(event.progress),
-                value=float(event.value),
-                text=event.text,
-            )
-            for event in snapshot.events
-        ],
+        events=[_Event(header=header, **_event_values(event, snapshot)) for event in snapshot.events],
     )
-    return _encode(message, STATE_TYPE)
+    return bytes(_STORE.serialize_cdr(message, STATE_TYPE))
 
 
 def decode_state(data: bytes) -> StateMessage:
@@ -236,14 +209,7 @@ def decode_state(data: bytes) -> StateMessage:
     """
     message = _decode(data, STATE_TYPE)
     preview = _preview(message.preview_by_time, message.preview_interval, len(message.preview_x))
-    episode = Episode(
-        message.vehicle,
-        message.steering_limit,
-        message.control_period,
-        message.course_length,
-        message.course_closed,
-        preview,
-    )
+    episode = Episode(*_constants(message), preview)
     return StateMessage(snapshot_from_message(message), time_from_message(message.header.stamp), episode)
 
 
@@ -253,28 +219,22 @@ def snapshot_from_message(message: Any) -> Snapshot:
     Raises:
         ValueError: arrays that do not fit each other.
     """
-    preview_x, preview_y = np.asarray(message.preview_x), np.asarray(message.preview_y)
+    preview_x, preview_y, signals = map(np.asarray, _arrays(message))
     rolls, steers = message.roll_history, message.steer_history
     if len(preview_x) != len(preview_y) or len(rolls) != len(steers):
         raise ValueError("a state whose preview or lean history has columns of different length")
     return Snapshot(
-        episode=message.episode,
-        step=message.step,
+        **dict(zip(_SHOWN, _shown(message), strict=True)),
         time=message.step * message.control_period,
         state=np.array(_minimal_state(message)),
         look=np.array(_derived(message)),
         steering=message.steering_command,
         throttle=message.throttle_command,
-        steer_torque=message.steer_torque,
         preview_x=preview_x,
         preview_y=preview_y,
         roll_history=tuple(rolls.tolist()),
         steer_history=tuple(steers.tolist()),
-        fallen=message.fallen,
-        off_course=message.off_course,
-        finished=message.finished,
-        fall=message.fall,
-        signals=np.asarray(message.signals),
+        signals=signals,
         circuit=_circuit_view(message) if len(message.centre_place) else None,
         events=tuple(map(event_from_message, message.events)) if message.events else (),
     )
@@ -305,7 +265,7 @@ def encode_command(command: Command, state_stamp: int = 0) -> bytes:
         steering=float(command.steering),
         throttle=float(command.throttle),
     )
-    return _encode(message, COMMAND_TYPE)
+    return bytes(_STORE.serialize_cdr(message, COMMAND_TYPE))
 
 
 def decode_command(data: bytes) -> Command:
@@ -338,26 +298,21 @@ def reset_from_message(message: Reset.Request, own: ResetRequest) -> ResetReques
     Raises:
         ValueError: naming the invalid value.
     """
-    ranges = {name: getattr(message, name) for name in _RANGE_FIELDS}
+    ranges = {name: getattr(message, name) for name in _RANGES}
+    values = {name: getattr(message, name) for name in _REQUEST}
+    values |= {name: getattr(own, name) for name in ("line", "progress") if values[name] == _OWN}
     preview = own.preview
     if message.preview_count:
         preview = Preview(message.preview_by_time, message.preview_interval, message.preview_count)
     speed = (message.speed_min, message.speed_max)
     return ResetRequest(
-        seed=message.seed,
-        course=message.course or own.course,
+        **values | {"course": message.course or own.course},
         speed_range=own.speed_range if speed == (0.0, 0.0) else speed,
-        perturb=message.perturb,
         initial_state=tuple(message.initial_state) or None,
         path_ranges=PathRanges(**ranges) if any(ranges.values()) else own.path_ranges,
         path_length=message.path_length or own.path_length,
         preview=preview,
         context=tuple(message.context),
-        line=own.line if message.line == _OWN else message.line,
-        progress=own.progress if message.progress == _OWN else message.progress,
-        speed_share=message.speed_share,
-        start_offset=message.start_offset,
-        start_heading=message.start_heading,
     )
 
 
@@ -385,24 +340,17 @@ def episode_start_to_message(
 
 def _fill_request(message: Reset.Request | EpisodeStart, request: ResetRequest) -> None:
     """Set the fields that a reset and the start of an episode have in common."""
-    message.seed = int(request.seed)
-    message.course = request.course
+    for names, source in ((_REQUEST, request), (_RANGES, request.path_ranges)):
+        for name in names:
+            setattr(message, name, type(getattr(message, name))(getattr(source, name)))
     message.speed_min, message.speed_max = map(float, request.speed_range)
-    message.perturb = bool(request.perturb)
     if request.initial_state is not None:
         message.initial_state = _floats(request.initial_state)
-    for name in _RANGE_FIELDS:
-        setattr(message, name, float(getattr(request.path_ranges, name)))
     message.path_length = float(request.path_length or 0.0)
     message.preview_count = int(request.preview.count)
     message.preview_by_time = bool(request.preview.by_time)
     message.preview_interval = float(request.preview.interval)
     message.context = array("d", request.context)
-    message.line = float(request.line)
-    message.progress = float(request.progress)
-    message.speed_share = float(request.speed_share)
-    message.start_offset = float(request.start_offset)
-    message.start_heading = float(request.start_heading)
 
 
 # ----------------------------------------------------------------------------------------------------------- course
@@ -475,10 +423,9 @@ def course_points_to_message(snapshot: Snapshot, course: Course, stamp: int) -> 
             setattr(message, name, [Point(x=x, y=y, z=z) for x, y, z in snapshot.circuit.points[row].tolist()])
         return message
     message.line = _points(snapshot.preview_x, snapshot.preview_y)
-    if course.width_left is not None:
-        message.left = _limit(snapshot, course, course.width_left)
-    if course.width_right is not None:
-        message.right = _limit(snapshot, course, -course.width_right)
+    for name, width, side in (("left", course.width_left, 1.0), ("right", course.width_right, -1.0)):
+        if width is not None:
+            setattr(message, name, _limit(snapshot, course, side * width))
     return message
 
 
@@ -531,14 +478,14 @@ def event_to_message(event: Event, snapshot: Snapshot, stamp: int) -> RideEvent:
         snapshot: the snapshot that reported it.
         stamp: simulated time of the snapshot, ns.
     """
-    message = RideEvent()
-    _stamp_message(message, snapshot, stamp, MAP_FRAME)
-    message.kind = int(event.kind)
-    message.time = float(event.time)
-    message.progress = float(event.progress)
-    message.value = float(event.value)
-    message.text = event.text
+    message = RideEvent(**_event_values(event, snapshot))
+    message.header.stamp, message.header.frame_id = time_to_message(stamp), MAP_FRAME
     return message
+
+
+def _event_values(event: Event, snapshot: Snapshot) -> dict[str, Any]:
+    numbers = {name: float(getattr(event, name)) for name in ("time", "progress", "value")}
+    return {"episode": snapshot.episode, "step": snapshot.step, "kind": int(event.kind), "text": event.text} | numbers
 
 
 def event_from_message(message: Any) -> Event:
@@ -580,14 +527,7 @@ def telemetry_to_message(snapshot: Snapshot, vehicle: Superbike, stamp: int) -> 
 
 
 def _stamp_message(message: Any, snapshot: Snapshot, stamp: int, frame: str) -> None:
-    """Fill header, episode and step of a message.
-
-    Args:
-        message: with these fields.
-        snapshot: that the message describes.
-        stamp: simulated time, ns.
-        frame: name of the frame of its coordinates.
-    """
+    """Fill header, episode and step of a message about a snapshot at a simulated time, ns."""
     message.header.stamp = time_to_message(stamp)
     message.header.frame_id = frame
     message.episode = snapshot.episode

@@ -59,6 +59,8 @@ def is_hidden(topic: str) -> bool:
     return any(part.startswith("_") for part in topic.split("/"))
 
 
+SIGNAL_PERIOD: Final = 0.1
+"""Longest wall-clock time in which an idle node takes no notice of a signal, s."""
 BAD_INPUT_EXIT: Final = 2
 """Exit code after an invalid parameter, file or partner."""
 
@@ -104,35 +106,36 @@ def run_node(
         Exit code: 0 after a signal, 2 after bad input with one line on standard error.
     """
     prepare_discovery()
-    stop, ended, bell = threading.Event(), threading.Event(), _Bell()
-    _watch_signals(stop, ended, bell, farewell)
+    stop, ended = threading.Event(), threading.Event()
+    _watch_signals(stop, ended, farewell)
     node = executor = None
     code = 0
     try:
-        _start_middleware(arguments)
+        try:
+            rclpy.init(args=list(arguments or []) or None, signal_handler_options=SignalHandlerOptions.NO)
+        except RuntimeError as error:  # what rclpy makes of an argument that rcl cannot parse
+            raise CannotGoOn(error) from error
         node = make_node()
-        # A guard condition of the node itself, because waking an idle executor does not end its wait.
-        bell.hang(node.create_guard_condition(lambda: None).trigger)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         streams = getattr(node, "streams", ())
         loop = StreamLoop(node, executor, streams) if streams else executor
         while not stop.is_set():
-            # The time-out only matters where a signal comes between the test and the wait.
-            loop.spin_once(timeout_sec=0.5)
+            loop.spin_once(timeout_sec=SIGNAL_PERIOD)
         end = time.monotonic() + linger
         while (left := end - time.monotonic()) > 0.0:
             loop.spin_once(timeout_sec=left)
     except (CannotGoOn, ValueError, OSError, ParameterException) as error:
         code = _complain(name, error)
     finally:
-        bell.take_down()
         if node is not None:
             try:
                 getattr(node, "finish", lambda: None)()
             except (CannotGoOn, OSError) as error:
                 code = _complain(name, error)
-            _let_arrive(node)
+            end = time.monotonic() + MAX_ARRIVAL
+            for publisher in node.publishers:
+                publisher.wait_for_all_acked(Duration(seconds=max(end - time.monotonic(), 0.0)))
             node.destroy_node()
         if executor is not None:
             executor.shutdown()
@@ -142,15 +145,11 @@ def run_node(
     return code
 
 
-def _let_arrive(node: Node) -> None:
-    """Wait until the subscribers have the last messages, which would be lost with the node."""
-    end = time.monotonic() + MAX_ARRIVAL
-    for publisher in node.publishers:
-        publisher.wait_for_all_acked(Duration(seconds=max(end - time.monotonic(), 0.0)))
-
-
 def _complain(name: str, error: BaseException) -> int:
-    print(f"{name}: {_one_line(error)}", file=sys.stderr, flush=True)
+    text = " ".join(str(error).split()) or type(error).__name__
+    if isinstance(error, OSError) and error.strerror and error.filename is None:
+        text = error.strerror  # our own words, which need no number
+    print(f"{name}: {text}", file=sys.stderr, flush=True)
     return BAD_INPUT_EXIT
 
 
@@ -165,61 +164,42 @@ def leave(code: int) -> NoReturn:
     os._exit(code)
 
 
-def join(domain_id: int) -> Context:
-    """Return a context of its own in a ROS domain, for nodes beside others in a process; see `leave_domain`."""
-    prepare_discovery()
-    context = Context()
-    context.init(args=[], domain_id=domain_id)
-    return context
+class GuestNode(Node):
+    """A node in a context of its own in a ROS domain, for a program that is none itself; it has no parameters."""
+
+    def __init__(self, name: str, domain_id: int, namespace: str = NAMESPACE) -> None:
+        """Join the domain."""
+        prepare_discovery()
+        self._guest_context = Context()
+        self._guest_context.init(args=[], domain_id=domain_id)
+        super().__init__(
+            name,
+            context=self._guest_context,
+            namespace=namespace,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._spinner = SingleThreadedExecutor(context=self._guest_context)
+        self._spinner.add_node(self)
+
+    def spin_once(self, timeout: float) -> None:
+        """Handle one thing that has come, or wait for it at most for a time, s."""
+        self._spinner.spin_once(timeout_sec=timeout)
+
+    def close(self) -> None:
+        """Leave the domain."""
+        self._spinner.shutdown()
+        self.destroy_node()
+        self._guest_context.try_shutdown()
+        self._guest_context.destroy()
 
 
-def leave_domain(context: Context) -> None:
-    """Shut down a context of `join`; its nodes must be destroyed before."""
-    context.try_shutdown()
-    context.destroy()
-
-
-def _start_middleware(arguments: Sequence[str] | None) -> None:
-    try:
-        rclpy.init(args=list(arguments) if arguments else None, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # what rclpy makes of an argument that rcl cannot parse
-        raise CannotGoOn(error) from error
-
-
-class _Bell:
-    """Wakes the main thread while its node exists.
-
-    A signal may come at any time, also while the node is being destroyed for another reason. Ringing would then fail,
-    and the traceback of the ringing thread would hide the reason of the end.
-    """
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._ring: Callable[[], None] | None = None
-
-    def hang(self, ring: Callable[[], None]) -> None:
-        """Begin to ring with a function."""
-        with self._lock:
-            self._ring = ring
-
-    def take_down(self) -> None:
-        """Stop ringing. Returns when no thread is ringing."""
-        with self._lock:
-            self._ring = None
-
-    def ring(self) -> None:
-        """Wake the main thread, if there is a node."""
-        with self._lock:
-            if self._ring is not None:
-                self._ring()
-
-
-def _watch_signals(stop: threading.Event, ended: threading.Event, bell: _Bell, farewell: float) -> None:
+def _watch_signals(stop: threading.Event, ended: threading.Event, farewell: float) -> None:
     """End the node on SIGINT and SIGTERM, and with its parent, also where the main thread is inside a library.
 
-    Python runs its handlers only in the main thread, which may be waiting for messages; but the number of a signal is
-    written to the wake-up file at once, whichever thread it hits. A thread reads it there. So the node ends between two
-    callbacks with its middleware still up, and can say goodbye and close its files.
+    Python runs its handlers only in the main thread, which may be busy; but the number of a signal is written to the
+    wake-up file at once, whichever thread it hits. A thread reads it there. So the node ends between two callbacks
+    with its middleware still up, and can say goodbye and close its files.
     """
     readable, writable = os.pipe()
     os.set_blocking(writable, False)
@@ -235,17 +215,10 @@ def _watch_signals(stop: threading.Event, ended: threading.Event, bell: _Bell, f
             elif parent_is_gone():
                 number = signal.SIGTERM
         stop.set()
-        bell.ring()
         if not ended.wait(farewell):
             os._exit(128 + number)
 
     threading.Thread(target=wait, name="signals", daemon=True).start()
-
-
-def _one_line(error: BaseException) -> str:
-    if isinstance(error, OSError) and error.strerror and error.filename is None:
-        return error.strerror  # our own words, which need no number
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 # --------------------------------------------------------------------------------------------------------- parameters
@@ -371,15 +344,14 @@ class Diagnostics:
             figures: named values; names end in their unit.
             stamp: simulated time, ns.
         """
-        values = [KeyValue(key=key, value=_figure(value)) for key, value in figures.items()]
+        values = [
+            KeyValue(key=key, value=f"{value:.6g}" if isinstance(value, float) else str(value))
+            for key, value in figures.items()
+        ]
         status = DiagnosticStatus(level=level, name=self._name, message=text, values=values)
         message = DiagnosticArray(status=[status])
         message.header.stamp = time_to_message(stamp)
         self._publisher.publish(message)
-
-
-def _figure(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def wall_timer(node: Node, period: float, callback: Callable[[], object]) -> Timer:

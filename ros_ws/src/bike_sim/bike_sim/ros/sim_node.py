@@ -20,23 +20,16 @@ from typing import Any, Final, NoReturn
 
 import numpy as np
 import rclpy.node
-from bike_msgs.msg import BikeCommand, BikeState, CoursePoints, EpisodeStart, LeanHistory, RideEvent, Telemetry
-from bike_msgs.msg import Course as CourseMessage
+from bike_msgs.msg import BikeCommand, BikeState
 from bike_msgs.srv import Pause, Reset
-from geometry_msgs.msg import TransformStamped
-from nav_msgs.msg import Odometry
-from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from visualization_msgs.msg import Marker, MarkerArray
 
 from bike_sim.course.course import Course
 from bike_sim.physics.engines import ENGINE_KINDS
 from bike_sim.ros import node_tools, standard_messages
-from bike_sim.ros.command_gate import Command, CommandCounts, CommandGate, Outcome
+from bike_sim.ros.command_gate import Command, CommandGate, Outcome
 from bike_sim.ros.messages import (
     Episode,
     course_points_to_message,
@@ -50,6 +43,7 @@ from bike_sim.ros.messages import (
     telemetry_to_message,
 )
 from bike_sim.ros.node_tools import NANOSECONDS, ParameterSpec, time_to_message
+from bike_sim.ros.topics import TFMessage, publisher
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances, load_disturbances
 from bike_sim.sim.request import Preview, ResetRequest
@@ -57,11 +51,6 @@ from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import DIVERGED, Snapshot
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
-
-try:
-    from tf2_msgs.msg import TFMessage
-except ImportError:  # the wheels on PyPI have no tf2
-    TFMessage = None
 
 FIRST_STAMP: Final = NANOSECONDS
 """Simulated time of the first state, ns: nodes take a clock of 0 for one that has not begun."""
@@ -161,31 +150,15 @@ class NodeSettings:
     """Checked parameters of the simulator node.
 
     Attributes:
+        values: all of them, by name.
         simulator: settings of all episodes.
         episode: request of the node's own episodes, without the speed.
-        speed: forward speed at their start, m/s; 0 for the vehicle's own.
-        seed: seed of the first of them, or negative.
-        mode: LOCKSTEP or FREE.
-        real_time_factor: simulated over wall-clock time in free mode; 0 for a step a command.
-        command_timeout: s of simulated time, 0 for never.
-        auto_reset: NEVER, FALL or END.
-        frame_prefix: before the frames, or empty for that of the namespace.
-        publish_clock: whether /clock is published.
-        publish_markers: whether markers are published.
         disturbances: of what is ridden, or None.
     """
 
+    values: Mapping[str, Any]
     simulator: SimulatorConfig
     episode: ResetRequest
-    speed: float
-    seed: int
-    mode: str
-    real_time_factor: float
-    command_timeout: float
-    auto_reset: str
-    frame_prefix: str
-    publish_clock: bool
-    publish_markers: bool
     disturbances: Disturbances | None
 
     @classmethod
@@ -198,42 +171,24 @@ class NodeSettings:
         for name in ("real_time_factor", "command_timeout_s", "control_period", "speed"):
             if not math.isfinite(values[name]) or values[name] < 0.0:
                 raise ValueError(f"parameter {name} must be finite and not negative, got {values[name]!r}")
-        simulator = SimulatorConfig(
-            vehicle=values["vehicle"],
-            engine=values["engine"],
-            time_step=values["time_step"],
-            control_period=values["control_period"] or load_vehicle(values["vehicle"]).control_period,
-            history=values["history"],
-        )
+        period = values["control_period"] or load_vehicle(values["vehicle"]).control_period
+        own = {name: values[name] for name in ("vehicle", "engine", "time_step", "history")}
+        simulator = SimulatorConfig(control_period=period, **own)
         slowest = simulator.control_period / MAX_STEP
         if 0.0 < values["real_time_factor"] < slowest:
             raise ValueError(
                 f"parameter real_time_factor must be 0 or at least {slowest:.3g}, a control period an hour, "
                 f"got {values['real_time_factor']!r}"
             )
+        own = {name: values[name] for name in ("course", "perturb", "line", "progress")}
         episode = ResetRequest(
             seed=max(values["seed"], 0),
-            course=values["course"],
             speed_range=(values["speed"],) * 2 if values["speed"] else ResetRequest().speed_range,
-            perturb=values["perturb"],
             preview=Preview(values["preview_by_time"], values["preview_interval"], values["preview_count"]),
-            line=values["line"],
-            progress=values["progress"],
+            **own,
         )
-        return cls(
-            simulator=simulator,
-            episode=episode,
-            speed=values["speed"],
-            seed=values["seed"],
-            mode=values["mode"],
-            real_time_factor=values["real_time_factor"],
-            command_timeout=values["command_timeout_s"],
-            auto_reset=values["auto_reset"],
-            frame_prefix=values["frame_prefix"],
-            publish_clock=values["publish_clock"],
-            publish_markers=values["publish_markers"],
-            disturbances=load_disturbances(values["disturbances"]) if values["disturbances"] else None,
-        )
+        disturbed = load_disturbances(values["disturbances"]) if values["disturbances"] else None
+        return cls(values, simulator, episode, disturbed)
 
     def request(self, simulator: Simulator) -> ResetRequest:
         """Return the request of the node's own episodes; also fills in what a reset leaves open.
@@ -241,7 +196,7 @@ class NodeSettings:
         Raises:
             ValueError: an episode that cannot begin. FileNotFoundError: an unknown course.
         """
-        request = self.episode if self.speed else simulator.at_own_speed(self.episode)
+        request = self.episode if self.values["speed"] else simulator.at_own_speed(self.episode)
         simulator.check(request)
         return request
 
@@ -259,10 +214,13 @@ class SimNode(rclpy.node.Node):
         self._settings = NodeSettings.from_parameters(node_tools.declare(self, SPECS))
         self._simulator = Simulator(self._settings.simulator, self._settings.disturbances)
         self._request = self._settings.request(self._simulator)
-        warm_up(self._simulator, self._request)
+        # An unpublished step: the first on a machine compiles the physics, longer than a policy would wait.
+        self._simulator.reset(self._request)
+        self._simulator.step(0.0)
+        self._simulator.episode = 0
         self._period = round(self._settings.simulator.control_period * NANOSECONDS)
-        self._gate = CommandGate(lockstep=self._settings.mode == LOCKSTEP)
-        self._reported = CommandCounts()
+        self._gate = CommandGate(lockstep=self._settings.values["mode"] == LOCKSTEP)
+        self._reported = self._gate.counts.copy()
         self._reported_at = time.monotonic()
         self._steps = self._reported_steps = 0
         self._own_episodes = 0
@@ -290,51 +248,37 @@ class SimNode(rclpy.node.Node):
     # ------------------------------------------------------------------------------------------------------- topics
 
     def _open_topics(self) -> None:
-        stream, latched = node_tools.SENDER_QOS, node_tools.LATCHED_QOS
-
-        def open_topic(kind: type, name: str, qos: QoSProfile) -> Publisher:
-            return self.create_publisher(kind, name, qos, event_callbacks=node_tools.QUIET)
-
-        self._state_topic = open_topic(BikeState, "state", stream)
-        self._screen_topic = open_topic(BikeState, node_tools.SCREEN_STATE, node_tools.SCREEN_QOS)
+        values, vehicle, disturbances = self._settings.values, self._simulator.vehicle, self._settings.disturbances
+        self._state_topic, self._screen_topic = publisher(self, "state"), publisher(self, node_tools.SCREEN_STATE)
         self._screened_at = 0.0
-        self._clock_topic = open_topic(Clock, "/clock", stream) if self._settings.publish_clock else None
-        self._start_topic = open_topic(EpisodeStart, "episode", latched)
-        self._course_topic = open_topic(CourseMessage, "course", latched)
-        self._course_marker_topic = open_topic(Marker, "course_marker", latched)
-        self._event_topic = open_topic(RideEvent, "events", node_tools.EVENT_QOS)
+        self._clock_topic = publisher(self, "/clock") if values["publish_clock"] else None
+        self._start_topic, self._course_topic, self._course_marker_topic, self._event_topic = (
+            publisher(self, name) for name in ("episode", "course", "course_marker", "events")
+        )
         self._diagnostics = node_tools.Diagnostics(self)
-        if self._settings.disturbances is not None:
-            topic = open_topic(String, "disturbances", latched)
-            topic.publish(String(data=self._settings.disturbances.to_text()))
-        # Topics that are only made where someone listens: they cost more than the state itself.
-        self._extras: list[tuple[Publisher, Callable[[Snapshot], Any]]] = []
-
-        def extra(kind: type, name: str, make: Callable[[Snapshot], Any]) -> None:
-            self._extras.append((open_topic(kind, name, stream), make))
-
-        extra(CoursePoints, "course_points", lambda s: course_points_to_message(s, self._course, self._stamp))
-        extra(LeanHistory, "lean_history", lambda s: lean_history_to_message(s, self._stamp, self._period))
-        vehicle = self._simulator.vehicle
+        publisher(self, "robot_description").publish(String(data=standard_messages.robot_description(vehicle)))
+        if disturbances is not None:
+            publisher(self, "disturbances").publish(String(data=disturbances.to_text()))
+        frames = standard_messages.TRANSFORMS
+        # Messages that are only made where someone listens: they cost more than the state itself.
+        extras: dict[str, Callable[[Snapshot, int], Any]] = {
+            "course_points": lambda s, stamp: course_points_to_message(s, self._course, stamp),
+            "lean_history": lambda s, stamp: lean_history_to_message(s, stamp, self._period),
+            "odom": lambda s, stamp: standard_messages.odometry(s, vehicle, stamp),
+            "joint_states": lambda s, stamp: standard_messages.joint_state(s, vehicle, stamp),
+        }
         if isinstance(vehicle, Superbike):
-            extra(Telemetry, "telemetry", lambda s: telemetry_to_message(s, vehicle, self._stamp))
-        extra(Odometry, "odom", lambda s: standard_messages.odometry(s, vehicle, self._stamp))
-        # The same as on /tf, for viewers of recordings made where tf2_msgs is missing.
-        transforms = open_topic(TransformStamped, "transform", stream)
-        self._extras += [(transforms, self._stamped(make)) for make in standard_messages.TRANSFORMS]
-        extra(JointState, "joint_states", lambda s: standard_messages.joint_state(s, vehicle, self._stamp))
-        if self._settings.publish_markers:
-            extra(MarkerArray, "markers", lambda s: standard_messages.vehicle_markers(s, vehicle, self._stamp))
+            extras["telemetry"] = lambda s, stamp: telemetry_to_message(s, vehicle, stamp)
+        if values["publish_markers"]:
+            extras["markers"] = lambda s, stamp: standard_messages.vehicle_markers(s, vehicle, stamp)
         if TFMessage is not None:
-            made = standard_messages.TRANSFORMS
-            extra(TFMessage, "/tf", lambda s: TFMessage(transforms=[make(s, self._stamp) for make in made]))
-        description = open_topic(String, "robot_description", latched)
-        description.publish(String(data=standard_messages.robot_description(vehicle)))
+            extras["/tf"] = lambda s, stamp: TFMessage(transforms=[make(s, stamp) for make in frames])
+        self._extras = [(publisher(self, name), make) for name, make in extras.items()]
+        # The same as on /tf, for viewers of recordings made where tf2_msgs is missing.
+        transforms = publisher(self, "transform")
+        self._extras += [(transforms, make) for make in frames]
         name = self.get_namespace().strip("/")
-        self._prefix = self._settings.frame_prefix or ("" if name in ("", node_tools.NAMESPACE) else f"{name}/")
-
-    def _stamped(self, make: Callable[[Snapshot, int], Any]) -> Callable[[Snapshot], Any]:
-        return lambda snapshot: make(snapshot, self._stamp)
+        self._prefix = values["frame_prefix"] or ("" if name in ("", node_tools.NAMESPACE) else f"{name}/")
 
     @property
     def _course(self) -> Course:
@@ -351,7 +295,7 @@ class SimNode(rclpy.node.Node):
         self._publish_state()
         for topic, make in self._extras:
             if topic.get_subscription_count():
-                topic.publish(self._prefixed(make(snapshot)))
+                topic.publish(self._prefixed(make(snapshot, self._stamp)))
 
     def _prefixed(self, message: Any) -> Any:
         return standard_messages.set_prefix(message, self._prefix) if self._prefix else message
@@ -370,7 +314,7 @@ class SimNode(rclpy.node.Node):
 
     def _own_request(self) -> ResetRequest:
         """Return the request for an episode that the node begins on its own."""
-        first = self._settings.seed
+        first = self._settings.values["seed"]
         seed = first + self._own_episodes if first >= 0 else self._draw_seed()
         self._own_episodes += 1
         return replace(self._request, seed=seed)
@@ -396,7 +340,7 @@ class SimNode(rclpy.node.Node):
         start = episode_start_to_message(request, config, names, snapshot.episode, self._begin_stamp)
         self._start_topic.publish(start)
         self._course_topic.publish(course_to_message(course, snapshot.episode, self._begin_stamp))
-        if self._settings.publish_markers:
+        if self._settings.values["publish_markers"]:
             marker = standard_messages.course_marker(course, self._begin_stamp)
             self._course_marker_topic.publish(self._prefixed(marker))
         for event in snapshot.events:
@@ -418,60 +362,52 @@ class SimNode(rclpy.node.Node):
             self._begin(self._own_request())
 
     def _wants_new_episode(self, snapshot: Snapshot) -> bool:
-        if snapshot.fallen:
-            return self._settings.auto_reset in (FALL, END)
-        return self._settings.auto_reset == END and (snapshot.off_course or snapshot.finished)
+        when = self._settings.values["auto_reset"]
+        return when != NEVER and (snapshot.fallen or (when == END and (snapshot.off_course or snapshot.finished)))
 
     # ------------------------------------------------------------------------------------------------------ commands
 
     def _on_command(self, message: bytes) -> None:
-        snapshot, timeout = self._snapshot, self._settings.command_timeout
+        snapshot, timeout = self._snapshot, self._settings.values["command_timeout_s"]
         oldest = oldest_step(snapshot.step, timeout, self._simulator.config.control_period)
         try:
             command = decode_command(message)
         except ValueError as error:
-            self._gate.counts.refused += 1
+            self._gate.counts[Outcome.REFUSED] += 1
             self.get_logger().error(f"a command cannot be read: {error}", once=True)
             return
         outcome, command = self._gate.check(command, snapshot.episode, snapshot.step, oldest)
         if outcome is Outcome.REPEATED:
             self._publish_state()
         elif outcome is Outcome.TAKEN and not snapshot.fallen:
-            self._take(command)
-
-    def _take(self, command: Command) -> None:
-        if self._runs_by_itself:
-            self._hold = command
-            self._held_since = self._snapshot.step
-        elif self._paused:
-            self._waiting = command
-        else:
-            self._advance(command.steering, command.throttle)
+            if self._runs_by_itself:
+                self._hold, self._held_since = command, snapshot.step
+            elif self._paused:
+                self._waiting = command
+            else:
+                self._advance(command.steering, command.throttle)
 
     @property
     def _runs_by_itself(self) -> bool:
-        return self._settings.mode != LOCKSTEP and self._settings.real_time_factor > 0.0
+        return self._settings.values["mode"] != LOCKSTEP and self._settings.values["real_time_factor"] > 0.0
 
     def _pace(self) -> None:
         """Start the timer of free mode at the present real-time factor."""
         self._timer = None
         if self._runs_by_itself:
-            period = self._simulator.config.control_period / self._settings.real_time_factor
+            period = self._simulator.config.control_period / self._settings.values["real_time_factor"]
             self._timer = node_tools.wall_timer(self, period, self._tick)
 
     def _tick(self) -> None:
         """Ride one control period of free mode with the command that is held."""
         if self._paused or self._hold is None or self._snapshot.fallen:
             return
-        if self._is_silent:
-            self._advance(0.0, 0.0)
-        else:
-            self._advance(self._hold.steering, self._hold.throttle)
+        self._advance(*((0.0, 0.0) if self._is_silent else (self._hold.steering, self._hold.throttle)))
 
     @property
     def _is_silent(self) -> bool:
         """Whether commands have stopped in free mode."""
-        timeout = self._settings.command_timeout
+        timeout = self._settings.values["command_timeout_s"]
         if not self._runs_by_itself or self._hold is None or timeout == 0.0:
             return False
         return (self._snapshot.step - self._held_since) * self._simulator.config.control_period > timeout - 1e-9
@@ -483,13 +419,10 @@ class SimNode(rclpy.node.Node):
             if request.seed < 0:
                 request.seed = self._draw_seed()
             self._begin(reset_from_message(request, self._request))
+            response.success, response.seed = True, request.seed
         except (ValueError, OSError) as error:
             response.message = " ".join(str(error).split())
-            response.state = deserialize_message(self._state, BikeState)
             self.get_logger().warning(f"reset refused: {response.message}")
-            return response
-        response.success = True
-        response.seed = request.seed
         response.state = deserialize_message(self._state, BikeState)
         return response
 
@@ -507,9 +440,10 @@ class SimNode(rclpy.node.Node):
         settings = NodeSettings.from_parameters(values)
         self._request = settings.request(self._simulator)
         before, self._settings = self._settings, settings
-        if self._settings.seed != before.seed:
+        changed = {name for name, value in settings.values.items() if value != before.values[name]}
+        if "seed" in changed:
             self._own_episodes = 0
-        if self._settings.real_time_factor != before.real_time_factor:
+        if "real_time_factor" in changed:
             if self._timer is not None:
                 self.destroy_timer(self._timer)
             self._pace()
@@ -536,10 +470,11 @@ class SimNode(rclpy.node.Node):
         """Report the last second on diagnostics and in the log."""
         now = time.monotonic()
         elapsed = max(now - self._reported_at, 1e-9)
-        new = self._gate.counts.since(self._reported)
+        new = self._gate.counts - self._reported
         rate = (self._steps - self._reported_steps) / elapsed
-        complaints = [f"{getattr(new, name)} {name}" for name in ("refused", "clipped", "stale") if getattr(new, name)]
-        text = f"commands in the last second: {', '.join(complaints)}" if complaints else self._doing()
+        complaints = [f"{new[name]} {name}" for name in (Outcome.REFUSED, Outcome.CLIPPED, Outcome.STALE) if new[name]]
+        doing = "fallen, waiting for a reset" if self._snapshot.fallen else "paused" if self._paused else "running"
+        text = f"commands in the last second: {', '.join(complaints)}" if complaints else doing
         if self._is_silent:
             text = f"commands have stopped, steering is set straight; {text}"
         rivals = self._name_rivals()
@@ -547,9 +482,9 @@ class SimNode(rclpy.node.Node):
         level = self._diagnostics.WARN if complaints or self._is_silent or rivals else self._diagnostics.OK
         if level == self._diagnostics.WARN:
             self.get_logger().warning(text)
-        counts = {f"commands_{name}": value for name, value in vars(self._gate.counts).items()}
+        counts = {f"commands_{name}": value for name, value in self._gate.counts.items()}
         figures = {
-            "mode": self._settings.mode,
+            "mode": self._settings.values["mode"],
             "episode": self._snapshot.episode,
             "step": self._snapshot.step,
             "control_steps": self._steps,
@@ -559,22 +494,15 @@ class SimNode(rclpy.node.Node):
             **counts,
         }
         self._diagnostics.report(level, text, figures, self._stamp)
-        self._reported, self._reported_at = replace(self._gate.counts), now
+        self._reported, self._reported_at = self._gate.counts.copy(), now
         self._reported_steps = self._steps
-
-    def _doing(self) -> str:
-        if self._snapshot.fallen:
-            return "fallen, waiting for a reset"
-        if self._paused:
-            return "paused"
-        return "running"
 
     def _describe(self) -> str:
         config, disturbed = self._simulator.config, self._settings.disturbances
         return (
             f"{config.vehicle} on course {self._course.name!r} ({self._course.length:.0f} m) at "
             f"{self._request.speed_range[0]:g} m/s, {config.engine} at {config.time_step * 1e3:g} ms, "
-            f"a command every {config.control_period * 1e3:g} ms, {self._settings.mode}"
+            f"a command every {config.control_period * 1e3:g} ms, {self._settings.values['mode']}"
             + (f", disturbed by {disturbed.name}" if disturbed is not None else "")
         )
 
@@ -590,13 +518,6 @@ def oldest_step(step: int, timeout: float, control_period: float) -> int:
     if timeout == 0.0:
         return 0
     return step - round(min(timeout / control_period, step))
-
-
-def warm_up(simulator: Simulator, request: ResetRequest) -> None:
-    """Simulate an unpublished step: the first on a machine compiles the physics, longer than a policy would wait."""
-    simulator.reset(request)
-    simulator.step(0.0)
-    simulator.episode = 0
 
 
 def main() -> NoReturn:

@@ -2,8 +2,8 @@
 
 rclpy's executor makes a wait set of all that a node has for each message, wraps the callback into a task and wakes
 itself up again: several times the cost of the message (``bike bench ros``). A `RawSubscription` never wakes it: its
-owner takes all that waits, a hundred times a second. A `StreamLoop` and a `RawReceiver` keep a wait set of their own;
-wait sets are not part of rclpy's public interface. `subscribe` is for what comes seldom.
+owner takes all that waits, a hundred times a second, or waits for the next. It and a `StreamLoop` keep a wait set of
+their own; wait sets are not part of rclpy's public interface. `subscribe` is for what comes seldom.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from rclpy.callback_groups import CallbackGroup
-from rclpy.context import Context
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import Executor
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -72,6 +71,8 @@ class RawSubscription:
         self._handle = self._subscription.handle
         with self._handle:
             self._losses = rclpy_implementation.EventHandle(self._handle, _MESSAGE_LOST)
+        with node.context.handle:
+            self._wait_set: Any = rclpy_implementation.WaitSet(1, 0, 0, 0, 0, 0, node.context.handle)
 
     def take(self, into: list[tuple[int, Any, bytes]], mark: Any, most: int) -> int | None:
         """Take what waits, in the order in which it came.
@@ -96,6 +97,17 @@ class RawSubscription:
                     first = info["received_timestamp"]
                 into.append((info["source_timestamp"], mark, data))
         return first
+
+    def wait(self, timeout: float) -> bytes | None:
+        """Return the next message, or None after the time-out (s)."""
+        with self._handle:
+            taken = self._handle.take_message(self._kind, True)
+            if taken is None:
+                self._wait_set.clear_entities()
+                self._wait_set.add_subscription(self._handle)
+                self._wait_set.wait(max(int(timeout * 1e9), 0))
+                taken = self._handle.take_message(self._kind, True)
+        return None if taken is None else taken[0]
 
     def lost(self) -> int:
         """Return how many messages the middleware has given up so far before they could be taken."""
@@ -158,28 +170,6 @@ class StreamLoop:
             for adder, entities in zip(adders, kinds, strict=True)
             for entity in entities
         ]
-
-
-class RawReceiver:
-    """Waits for the messages of one raw subscription with a wait set that is built once."""
-
-    def __init__(self, subscription: Subscription, context: Context) -> None:
-        """Take over a subscription of a node in a context."""
-        self._handle = subscription.handle
-        self._kind = subscription.msg_type
-        with context.handle:
-            self._wait_set: Any = rclpy_implementation.WaitSet(1, 0, 0, 0, 0, 0, context.handle)
-
-    def take(self, timeout: float) -> bytes | None:
-        """Return the next message, or None after the time-out (s)."""
-        with self._handle:
-            taken = self._handle.take_message(self._kind, True)
-            if taken is None:
-                self._wait_set.clear_entities()
-                self._wait_set.add_subscription(self._handle)
-                self._wait_set.wait(max(int(timeout * 1e9), 0))
-                taken = self._handle.take_message(self._kind, True)
-        return None if taken is None else taken[0]
 
 
 def subscribe(node: Node, kind: type, topic: str, callback: Callable[[Any], object], qos: QoSProfile) -> Subscription:
