@@ -19,7 +19,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from bike_sim.ros import node_tools as tools
 
 try:
-    from tf2_msgs.msg import TFMessage
+    from tf2_msgs.msg import TFMessage as TFMessage
 except ImportError:  # the wheels on PyPI have no tf2
     TFMessage = None
 

@@ -24,6 +24,7 @@ from bike_sim.course.road import RoadSurface, WetPatch
 from bike_sim.course.road import Wind as CircuitWind
 from bike_sim.documents import MAX_YAML_SIZE, DocumentError, alternatives, check_text, parse_yaml, read_text, show
 from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.parameters import number, positive, signed
 
 VehicleT = TypeVar("VehicleT", bound=Vehicle)
 
@@ -38,42 +39,25 @@ SHIPPED: Final = resources.files("bike_sim") / "config" / "disturbances"
 
 @dataclass(frozen=True)
 class Wind:
-    """A force on the rear frame with the rider.
+    """A force on the rear frame with the rider."""
 
-    Attributes:
-        direction_deg: where it pushes to, in the map, 0 along x, positive to the left.
-        force_n: its mean, N.
-        gust_n: standard deviation of its gusts, N.
-        gust_s: time over which gusts change, s.
-        height_m: of the point that it acts on, above the ground, m.
-        ahead_m: of that point ahead of the rear contact, m.
-    """
-
-    direction_deg: float = 90.0
-    force_n: float = 0.0
-    gust_n: float = 0.0
-    gust_s: float = 1.0
-    height_m: float = 0.9
-    ahead_m: float = 0.3
+    direction_deg: float = field(default=90.0, metadata=signed("deg", "to where, in the map, 0 along x, left positive"))
+    force_n: float = field(default=0.0, metadata=number("N", "its mean"))
+    gust_n: float = field(default=0.0, metadata=number("N", "standard deviation of its gusts"))
+    gust_s: float = field(default=1.0, metadata=positive("s", "time over which gusts change"))
+    height_m: float = field(default=0.9, metadata=number("m", "of the point that it acts on, above the ground"))
+    ahead_m: float = field(default=0.3, metadata=signed("m", "of that point ahead of the rear contact"))
 
 
 @dataclass(frozen=True)
 class Impulses:
-    """Sideways pushes on the rear frame with the rider, each to a side that is drawn.
+    """Sideways pushes on the rear frame with the rider, each to a side that is drawn."""
 
-    Attributes:
-        impulse_ns: of each, N s.
-        every_s: time between two of them, s; the first comes after as long.
-        lasting_s: how long each lasts, s.
-        height_m: of the point that is pushed, above the ground, m.
-        ahead_m: of that point ahead of the rear contact, m.
-    """
-
-    impulse_ns: float = 0.0
-    every_s: float = 5.0
-    lasting_s: float = 0.1
-    height_m: float = 0.9
-    ahead_m: float = 0.3
+    impulse_ns: float = field(default=0.0, metadata=number("N s", "of each"))
+    every_s: float = field(default=5.0, metadata=positive("s", "time between two; the first comes after as long"))
+    lasting_s: float = field(default=0.1, metadata=positive("s", "how long each lasts"))
+    height_m: float = field(default=0.9, metadata=number("m", "of the point that is pushed, above the ground"))
+    ahead_m: float = field(default=0.3, metadata=signed("m", "of that point ahead of the rear contact"))
 
 
 @dataclass(frozen=True)
@@ -153,14 +137,14 @@ class Disturbances:
     """
 
     name: str = "none"
-    seed: int = 0
+    seed: int = field(default=0, metadata=number("", "of all draws"))
     wind: Wind = field(default_factory=Wind)
     impulses: Impulses = field(default_factory=Impulses)
     noise: Mapping[str, float] = field(default_factory=dict)
     bias: Mapping[str, float] = field(default_factory=dict)
-    observation_delay_s: float = 0.0
-    command_delay_s: float = 0.0
-    drive_torque_nm: float = math.inf
+    observation_delay_s: float = field(default=0.0, metadata=number("s", "whole control periods"))
+    command_delay_s: float = field(default=0.0, metadata=number("s", "whole control periods"))
+    drive_torque_nm: float = field(default=math.inf, metadata=positive("Nm", "largest"))
     vehicle: Mapping[str, float] = field(default_factory=dict)
     road: RoadChanges = NO_CHANGES
 
@@ -170,35 +154,21 @@ class Disturbances:
         Raises:
             ValueError: naming the value and what it should be.
         """
-        for what, values in (("noise", self.noise), ("bias", self.bias)):
-            unknown = sorted(set(values) - set(CHANNELS))
-            if unknown:
+        checked: list[tuple[str, float, Any]] = []
+        for record, of in ((self, ""), (self.wind, "wind "), (self.impulses, "impulses ")):
+            known = [(spec.name, spec.metadata) for spec in fields(record) if spec.metadata]
+            checked += [(f"{of}{name}", getattr(record, name), bounds) for name, bounds in known]
+        for what, values, bounds in (("noise", self.noise, number("", "")), ("bias", self.bias, signed("", ""))):
+            if unknown := sorted(set(values) - set(CHANNELS)):
                 raise ValueError(f"disturbances: {what} of unknown channels {unknown}; there are {', '.join(CHANNELS)}")
-        numbers = {
-            **{f"noise of {name}": value for name, value in self.noise.items()},
-            "seed": self.seed,
-            "observation_delay_s": self.observation_delay_s,
-            "command_delay_s": self.command_delay_s,
-            "wind gust_n": self.wind.gust_n,
-            **{f"wind {name}": getattr(self.wind, name) for name in ("force_n", "height_m")},
-            **{f"impulses {name}": getattr(self.impulses, name) for name in ("impulse_ns", "height_m")},
-        }
-        for name, value in numbers.items():
-            if not (math.isfinite(value) and value >= 0.0):
-                raise ValueError(f"disturbances: {name} must be finite and not negative, got {value!r}")
-        positive = {
-            "wind gust_s": self.wind.gust_s,
-            "impulses every_s": self.impulses.every_s,
-            "impulses lasting_s": self.impulses.lasting_s,
-            "drive_torque_nm": self.drive_torque_nm,
-            **{f"vehicle {name}": value for name, value in self.vehicle.items()},
-        }
-        for name, value in positive.items():
-            if not value > 0.0:
+            checked += [(f"{what} of {name}", value, bounds) for name, value in values.items()]
+        checked += [(f"vehicle {name}", value, positive("", "")) for name, value in self.vehicle.items()]
+        for name, value, bounds in checked:
+            if bounds["strict"] and not value > 0.0:
                 raise ValueError(f"disturbances: {name} must be positive, got {value!r}")
-        free = (self.wind.direction_deg, self.wind.ahead_m, self.impulses.ahead_m, *self.bias.values())
-        if not np.isfinite(free).all():
-            raise ValueError(f"disturbances: directions, places and biases must be finite, got {free!r}")
+            if not bounds["strict"] and not (math.isfinite(value) and value >= bounds["low"]):
+                words = "finite" if bounds["low"] < 0.0 else "finite and not negative"
+                raise ValueError(f"disturbances: {name} must be {words}, got {value!r}")
         if self.impulses.lasting_s > self.impulses.every_s:
             raise ValueError("disturbances: impulses that last longer than the time between them cannot be told apart")
 
@@ -274,23 +244,19 @@ def load_disturbances(name_or_path: str | Path) -> Disturbances:
     """
     text = str(name_or_path)
     if text.endswith((".yaml", ".yml")):
-        return _read(Path(text))
+        return read_disturbances(read_text(Path(text), MAX_YAML_SIZE), Path(text).stem)
     shipped = shipped_disturbances()
     if text not in shipped:
         raise FileNotFoundError(
             f"no disturbances {show(text)}; {alternatives(text, shipped)}; a file of your own must end in .yaml"
         )
     with resources.as_file(SHIPPED / f"{text}.yaml") as path:
-        return _read(path)
+        return read_disturbances(read_text(path, MAX_YAML_SIZE), path.stem)
 
 
 def shipped_disturbances() -> tuple[str, ...]:
     """Return the names of the files that come with the package, sorted."""
     return tuple(sorted(entry.name[: -len(".yaml")] for entry in SHIPPED.iterdir() if entry.name.endswith(".yaml")))
-
-
-def _read(path: Path) -> Disturbances:
-    return read_disturbances(read_text(path, MAX_YAML_SIZE), path.stem)
 
 
 def read_disturbances(text: str, name: str) -> Disturbances:
