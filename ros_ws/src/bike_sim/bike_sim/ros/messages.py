@@ -209,7 +209,7 @@ def decode_state(data: bytes) -> StateMessage:
     """
     message = _decode(data, STATE_TYPE)
     preview = _preview(message.preview_by_time, message.preview_interval, len(message.preview_x))
-    episode = Episode(*_constants(message), preview=preview)  # type: ignore[misc]
+    episode = Episode._make((*_constants(message), preview))
     return StateMessage(snapshot_from_message(message), time_from_message(message.header.stamp), episode)
 
 
