@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from bike_sim.recording.definitions import first_share, message_type, source_share
+from bike_sim.recording.definitions import message_type
 from bike_sim.recording.metadata import LATCHED, Qos
 from bike_sim.recording.recorder import RideRecorder
+from tests.shares import first_share, source_share
 
 WORKSPACE = Path(__file__).parents[2] / "ros_ws" / "src"
 SHARE = first_share(source_share(WORKSPACE), source_share(Path(sys.prefix) / "share", "/opt/ros/jazzy/share"))

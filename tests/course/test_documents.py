@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from bike_sim import documents
 from bike_sim.course.files import kind_of, load_course, load_track
 from bike_sim.documents import DocumentError, check_name, parse_yaml, read_text, shorten, show
-from bike_sim.recording.definitions import message_type, source_share
+from bike_sim.recording.definitions import message_type
 from bike_sim.vehicles.files import SHIPPED, load_vehicle
+from tests.shares import source_share
 
 LOADERS = [load_course, load_track, kind_of, load_vehicle]
 

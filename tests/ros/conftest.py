@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import signal
@@ -43,13 +44,17 @@ PATIENCE = 90.0
 """Longest wait for anything, s. Nothing takes that long; it is what a busy machine may need."""
 
 
+def arguments_of(namespace: str, parameters: dict[str, Any]) -> list[str]:
+    """Return the words of a command line that give a node its namespace and parameters."""
+    words = ["--ros-args", "-r", f"__ns:=/{namespace}"]
+    return [*words, *(word for name, value in parameters.items() for word in ("-p", f"{name}:={json.dumps(value)}"))]
+
+
 class Program:
     """A node in a process of its own."""
 
     def __init__(self, module: str, domain: int, words: Path, namespace: str = "bike", **parameters: Any) -> None:
-        command = [sys.executable, "-m", module, "--ros-args", "-r", f"__ns:=/{namespace}"]
-        for name, value in parameters.items():
-            command += ["-p", f"{name}:={json.dumps(value)}"]
+        command = [sys.executable, "-m", module, *arguments_of(namespace, parameters)]
         environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
         for variable in (DISCOVERY_VARIABLE, PROFILES_VARIABLE):
             environment.pop(variable, None)  # the defaults are what is tested
@@ -221,6 +226,23 @@ class TopicPublisher(Witness):
         publisher = self.create_publisher(kind, topic, qos)
         self.until(publisher.get_subscription_count)
         return publisher
+
+
+@pytest.fixture
+def run_here(ros: RosFixture, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Any:
+    """Runs a node in this process, which must end by itself; returns its exit code and its words."""
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(ros.domain))
+    monkeypatch.setattr(node_tools, "_watch_signals", lambda *_: None)
+
+    def run(module: str, **parameters: Any) -> tuple[int, str]:
+        command = ["node", *arguments_of("bike", parameters)]
+        monkeypatch.setattr(sys, "argv", command)
+        codes: list[int] = []
+        monkeypatch.setattr(node_tools, "leave", codes.append)
+        importlib.import_module(module).main()
+        return codes[0], capfd.readouterr().err
+
+    return run
 
 
 class RosFixture:

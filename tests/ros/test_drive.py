@@ -178,8 +178,8 @@ def test_a_policy_that_does_not_fit_is_refused(ros, policy) -> None:
     assert probe.states[-1].step == 0
 
 
-def test_a_policy_that_does_not_exist_is_one_line(ros) -> None:
-    driver = ros.start("bike_policy.drive", policy="nobody")
-    assert driver.wait() == 2
-    assert driver.words.count("\n") == 1
-    assert "no policy 'nobody'" in driver.words
+def test_a_policy_that_does_not_exist_is_one_line(run_here) -> None:
+    code, words = run_here("bike_policy.drive", policy="nobody")
+    assert code == 2
+    assert words.count("\n") == 1
+    assert "no policy 'nobody'" in words

@@ -91,20 +91,6 @@ def test_two_users_never_draw_the_same_domain(family: str) -> None:
         lease.close()
 
 
-def test_a_lease_writes_no_file(family: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """So another user cannot prepare one, as a link to a file that would then be emptied."""
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    precious = tmp_path / "precious"
-    precious.write_text("stays")
-    prepared = tmp_path / f"bike_domains_{os.getuid()}"
-    prepared.mkdir()
-    for domain in range(isolation.FIRST_DOMAIN, isolation.LAST_DOMAIN + 1):
-        (prepared / f"{domain}.lock").symlink_to(precious)
-    with isolation.DomainLease(family):
-        assert precious.read_text() == "stays"
-    assert sorted(tmp_path.iterdir()) == [prepared, precious]
-
-
 def test_a_domain_with_nodes_that_nobody_leased_is_avoided(family: str) -> None:
     """As nodes that were started by hand."""
     with isolation.DomainLease(family) as lease:
@@ -152,38 +138,6 @@ def test_discovery_is_local_and_fast_unless_the_user_says_otherwise(
     assert isolation.NETWORK.is_file()
 
 
-def udp_addresses(process: int) -> set[str]:
-    """Return the addresses at which a process has UDP sockets."""
-    folder = Path("/proc") / str(process)
-    links = [os.readlink(link) for link in (folder / "fd").iterdir() if link.is_symlink()]
-    inodes = {found[1] for link in links if (found := re.fullmatch(r"socket:\[(\d+)\]", link))}
-    addresses = set()
-    for name in ("udp", "udp6"):
-        table = folder / "net" / name
-        for line in table.read_text().splitlines()[1:] if table.exists() else ():
-            fields = line.split()
-            if fields[9] in inodes:
-                number = bytes.fromhex(fields[1].partition(":")[0])
-                addresses.add(socket.inet_ntoa(number[::-1]) if len(number) == 4 else number.hex())
-    return addresses
-
-
-@pytest.mark.ros
-def test_nodes_use_sockets_of_this_machine_only(ros: Any, policy: str, tmp_path: Path) -> None:
-    simulator = ros.simulator()
-    programs = [
-        simulator,
-        ros.start("bike_policy.drive", policy=policy),
-        ros.start("bike_sim.ros.record", path=str(tmp_path / "ride.mcap")),
-    ]
-    probe = ros.probe()
-    probe.until(lambda: probe.records("state", "command"))
-    for program in programs:
-        assert udp_addresses(program.process.pid) == {"127.0.0.1"}
-        assert not re.findall(r"/dev/shm/\S*fast\S*", Path(f"/proc/{program.process.pid}/maps").read_text())
-    assert udp_addresses(os.getpid()) <= {"127.0.0.1"}
-
-
 FINDS = """
 import sys, time, rclpy
 rclpy.init()
@@ -210,7 +164,7 @@ def test_a_shell_with_the_documented_variables_finds_the_topics_each_time(ros: A
     assert exports.count("export ") == 2
     shell = f'{exports}\nexport ROS_DOMAIN_ID={ros.domain}\nexec "$PYTHON" -c "$FINDS" {SHELL_SPIN_TIME}'
     environment = clean | {"PYTHON": sys.executable, "FINDS": FINDS}
-    for _ in range(3):
+    for _ in range(2):
         found = subprocess.run(["sh", "-c", shell], env=environment, capture_output=True, text=True, check=True).stdout
         assert found.split() == ["/bike/course", "/bike/events", "/bike/state", "/clock"]
 

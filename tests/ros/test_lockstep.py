@@ -29,9 +29,8 @@ from tests.same import assert_same
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]
 
 
-@pytest.mark.parametrize("engine", ["pybullet", "whipple"])
-def test_the_same_seed_is_the_same_ride_in_process_and_through_ros(engine: str) -> None:
-    config = SimulatorConfig(engine=engine, time_step=0.005, history=7)
+def test_the_same_seed_is_the_same_ride_in_process_and_through_ros() -> None:
+    config = SimulatorConfig(time_step=0.005, history=7)
     local = Simulator(config)
     local.reset(ResetRequest(course="line"))  # the node begins one of its own when it starts
     with RosClient(config) as client:
@@ -213,3 +212,24 @@ def test_a_fall_is_told_and_ends_the_episode(lockstep) -> None:
     lockstep.sent("taken", state)
     assert lockstep.still() == state
     assert not begin(lockstep).fallen
+
+
+def test_parameters_are_checked_when_they_change(lockstep) -> None:
+    for name, value, reason in (
+        ("speed", -3.0, "parameter speed must be finite and not negative, got -3.0"),
+        (
+            "real_time_factor",
+            1e-12,
+            "parameter real_time_factor must be 0 or at least 1.39e-05, a control period an hour",
+        ),
+        ("course", "nowhere", "no shipped course is called 'nowhere'"),
+        ("vehicle", "whipple", "read-only"),
+    ):
+        result = lockstep.set_parameter(name, value)
+        assert not result.successful
+        assert reason in result.reason
+    assert lockstep.set_parameter("speed", 5).successful
+    request = ResetRequest(course="line", seed=1)
+    lockstep.reset(request)
+    lockstep.until(lambda: abs(lockstep.states[-1].speed - 4.0) < 0.01)
+    assert lockstep.reset(Reset.Request(seed=1)).state.speed == pytest.approx(5.0, abs=1e-6)

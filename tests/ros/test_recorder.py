@@ -78,7 +78,7 @@ def test_what_is_wrong_with_a_parameter_is_named(changes: dict[str, Any], words:
         RecordSettings.from_parameters({spec.name: spec.read(values[spec.name]) for spec in SPECS})
 
 
-def test_settings_that_cannot_be_end_the_node_with_one_line(ros: Any, tmp_path: Path) -> None:
+def test_settings_that_cannot_be_end_the_node_with_one_line(run_here: Any, tmp_path: Path) -> None:
     wrong: dict[str, dict[str, Any]] = {
         "give a directory": {"path": str(tmp_path / "a.mcap"), "max_bag_size": 1000},
         "'no good' is no name of a topic": {"topics": ["no good"]},
@@ -87,12 +87,10 @@ def test_settings_that_cannot_be_end_the_node_with_one_line(ros: Any, tmp_path: 
     }
     (tmp_path / "old.mcap").write_text("precious")
     for words, parameters in wrong.items():
-        program = ros.start("bike_sim.ros.record", **parameters)
-        assert program.wait() == 2
-        lines = program.words.strip().splitlines()
-        assert len(lines) == 1, lines
-        assert lines[0].startswith("record: ")
-        assert words in lines[0]
+        code, told = run_here("bike_sim.ros.record", **parameters)
+        assert (code, told.count("\n")) == (2, 1), told
+        assert told.startswith("record: ")
+        assert words in told
     assert (tmp_path / "old.mcap").read_text() == "precious"
 
 
@@ -173,7 +171,12 @@ def test_all_topics_by_wall_clock_in_files_by_duration(ros: Any, sender: Any, tm
     static = sender.create_publisher(String, "/static", latched)
     static.publish(String(data="stays"))
     recorder = ros.start(
-        "bike_sim.ros.record", path=str(tmp_path / "all"), all_topics=True, clock="wall", max_bag_duration=0.5
+        "bike_sim.ros.record",
+        path=str(tmp_path / "all"),
+        all_topics=True,
+        clock="wall",
+        compression="lz4",
+        max_bag_duration=0.5,
     )
     bare, hidden = sender.open(Float64, "/elsewhere/bare"), sender.create_publisher(Float64, "/_hidden", 1)
     began = time.time_ns()

@@ -34,6 +34,7 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_superbike
 from bike_training.nodes.node_rides import ride_through_nodes
+from tests.ros.conftest import RosFixture, StateProbe, oval
 from tests.same import assert_same
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]
@@ -101,10 +102,19 @@ def test_aids_that_are_off_are_never_active(circuit: Path, tmp_path: Path) -> No
     assert seen[-1][2] == "wheelie"
 
 
-def test_reset_chooses_line_and_place_alike_in_process_and_through_ros(circuit: Path, ros) -> None:
+@pytest.fixture(scope="module")
+def superbike(
+    own_lines: Path, shared_ros: RosFixture, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[StateProbe, Path]:
+    """A simulator of a superbike on a circuit of its own."""
+    circuit = oval(tmp_path_factory.mktemp("superbike"))
+    shared_ros.simulator(vehicle="panigale_v4r", course=str(circuit), time_step=0.002, speed=20.0)
+    return shared_ros.probe(), circuit
+
+
+def test_reset_chooses_line_and_place_alike_in_process_and_through_ros(superbike: tuple[StateProbe, Path]) -> None:
+    probe, circuit = superbike
     name = str(circuit)
-    ros.simulator(vehicle="panigale_v4r", course=name, time_step=0.002, speed=20.0)
-    probe = ros.probe()
     told = probe.attend(Telemetry, "telemetry")
     local = Simulator(superbike_config())
     for line, progress in ((0.0, 150.0), (1.0, 0.0), (0.4, 333.3)):
@@ -140,10 +150,10 @@ def test_reset_chooses_line_and_place_alike_in_process_and_through_ros(circuit: 
     local.close()
 
 
-def test_a_changed_parameter_does_not_load_the_circuit_again(circuit: Path, ros) -> None:
+def test_a_changed_parameter_does_not_load_the_circuit_again(superbike: tuple[StateProbe, Path]) -> None:
     """Loading it takes most of a second, in which nobody is answered. Here there is nothing to load any more."""
-    ros.simulator(vehicle="panigale_v4r", course=str(circuit), time_step=0.002)
-    probe = ros.probe()
+    probe, circuit = superbike
+    assert probe.set_parameter("speed", 0.0).successful
     speed = probe.reset(Reset.Request(seed=1)).state.speed
     circuit.unlink()
     for name, value in (("command_timeout_s", 1.0), ("seed", 3), ("auto_reset", "end")):

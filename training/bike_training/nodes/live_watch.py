@@ -28,10 +28,6 @@ from bike_training.nodes.live_ride import LiveThread, event_message, places_of, 
 
 PERIOD: Final = 1.0 / 30.0
 """Wall-clock time between two visits to the states, s; each sends at most one."""
-RACING_PERIOD: Final = 1.0 / 24.0
-"""Likewise while the simulator is ahead of the clock: its page must not take the processors from it."""
-RACING: Final = 1.5
-"""Simulated time by wall-clock time from which on it is."""
 START_TIMEOUT: Final = 30.0
 """Longest wait for a simulator, s."""
 GONE_AFTER: Final = 2.0
@@ -71,8 +67,6 @@ class LiveWatch(LiveThread):
         self._shown: tuple[int, int] | None = None
         self._paused = self._gone = False
         self._heard_at = 0.0
-        self._period = PERIOD
-        self._pace_from: tuple[float, float] | None = None  # simulated and wall-clock time of the state sent before, s
 
     def ask(self, request: dict[str, Any]) -> None:
         """Put in a request, checked by `checked_request`; one that a watcher cannot pass on does nothing."""
@@ -97,7 +91,7 @@ class LiveWatch(LiveThread):
         try:
             self._find(node, states)
             self._begun.set()
-            while not self._ended.wait(self._period):
+            while not self._ended.wait(PERIOD):
                 node.spin_once(0.0)
                 self._take(states)
                 self._pass_on(node)
@@ -164,17 +158,9 @@ class LiveWatch(LiveThread):
             if self._shown is not None and not _same_line(known, self.course):
                 self._report({"course": True})
             self._report({"reset": True})
-        self._keep_pace(snapshot.time, 1e-9 * sent)
         if (snapshot.episode, snapshot.step) != self._shown:
             self._shown = (snapshot.episode, snapshot.step)
             self._report({"state": state_values(snapshot, self._places), "sent": round(1e-6 * sent, 2)})
-
-    def _keep_pace(self, time: float, sent: float) -> None:
-        """Visit the states less often while the simulator is ahead of the clock."""
-        if self._pace_from is not None and sent > self._pace_from[1]:
-            pace = (time - self._pace_from[0]) / (sent - self._pace_from[1])
-            self._period = RACING_PERIOD if pace > RACING else PERIOD
-        self._pace_from = (time, sent)
 
     def _look_for(self, node: GuestNode, now: float) -> None:
         gone = now - self._heard_at > GONE_AFTER and not node.count_publishers(f"{self.namespace}/state")

@@ -64,42 +64,6 @@ def ament_share(package: str) -> Path:
     raise FileNotFoundError(f"ROS package {package!r} is not installed under {searched}; is the workspace built?")
 
 
-def source_share(*roots: str | os.PathLike[str]) -> ShareResolver:
-    """Make a resolver that finds packages in source directories, such as ``ros_ws/src``.
-
-    Args:
-        roots: Directories whose children are ROS packages with a ``msg`` directory, searched in order.
-
-    Returns:
-        A resolver that raises FileNotFoundError for a package that no root has.
-    """
-    directories = [Path(root) for root in roots]
-
-    def resolve(package: str) -> Path:
-        for directory in directories:
-            if (directory / package / "msg").is_dir():
-                return directory / package
-        searched = ", ".join(str(d) for d in directories)
-        raise FileNotFoundError(f"no messages of package {package!r} in {searched}")
-
-    return resolve
-
-
-def first_share(*resolvers: ShareResolver) -> ShareResolver:
-    """Make a resolver that asks several in order and takes the first answer."""
-
-    def resolve(package: str) -> Path:
-        failures = []
-        for resolver in resolvers:
-            try:
-                return resolver(package)
-            except FileNotFoundError as error:
-                failures.append(str(error))
-        raise FileNotFoundError("; ".join(failures))
-
-    return resolve
-
-
 def message_type(name: str, share: ShareResolver = ament_share) -> MessageType:
     """Describe a message type from its installed or source ``.msg`` files.
 
