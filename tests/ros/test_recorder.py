@@ -31,7 +31,7 @@ from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_sim.ros import node_tools
 from bike_sim.ros.isolation import DOMAIN_VARIABLE
 from bike_sim.ros.node_tools import NANOSECONDS, time_to_message
-from bike_sim.ros.record import SPECS, RecordSettings
+from bike_sim.ros.record import SPECS, writing_settings
 from bike_training.envs.node_process import NodeLost, NodeProcess
 from bike_training.nodes import node_rides
 from bike_training.nodes.node_rides import START_TIMEOUT, RideMonitor, ride_recorded
@@ -75,7 +75,7 @@ def decoded(path: Path) -> list[tuple[str, Any]]:
 def test_what_is_wrong_with_a_parameter_is_named(changes: dict[str, Any], words: str) -> None:
     values = {spec.name: spec.default for spec in SPECS} | changes
     with pytest.raises(ValueError, match=re.escape(words)):
-        RecordSettings.from_parameters({spec.name: spec.read(values[spec.name]) for spec in SPECS})
+        writing_settings({spec.name: spec.read(values[spec.name]) for spec in SPECS})
 
 
 def test_settings_that_cannot_be_end_the_node_with_one_line(run_here: Any, tmp_path: Path) -> None:

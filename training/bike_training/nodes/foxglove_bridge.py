@@ -62,19 +62,19 @@ class FoxgloveBridge(ServerListener):
         self._joined: queue.SimpleQueue[tuple[str, float]] = queue.SimpleQueue()
         self._ended = threading.Event()
         self._node = GuestNode("foxglove_bridge", domain_id, f"/{namespace.strip('/')}")
-        sinks = foxglove.Context()
+        self._sinks = foxglove.Context()
         self._topics: dict[str, _Topic] = {}
         for relative, topic in TOPICS.items():
             if not is_hidden(relative):
                 name, kind = self._node.resolve_topic_name(relative), type_name(topic.kind)
                 definition = message_type(kind).definition.encode()
                 schema = foxglove.Schema(name=kind, encoding="ros2msg", data=definition)
-                channel = foxglove.Channel(name, message_encoding="cdr", schema=schema, context=sinks)
+                channel = foxglove.Channel(name, message_encoding="cdr", schema=schema, context=self._sinks)
                 latched = topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
                 self._topics[name] = _Topic(RawSubscription(self._node, topic.kind, name, topic.qos), channel, latched)
         try:
             self._server = foxglove.start_server(
-                name="two-wheeler lab", host=HOST, port=port, server_listener=self, context=sinks
+                name="two-wheeler lab", host=HOST, port=port, server_listener=self, context=self._sinks
             )
         except Exception as error:
             self._leave()

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
@@ -33,15 +33,9 @@ _MESSAGE_FIELDS: Final = 2 + 4 + 8 + 8
 _FOOTER_START: Final = struct.Struct("<BQQQ")
 _FOOTER_LENGTH: Final = 8 + 8 + 4
 
-COMPRESSIONS: Final = ("zstd", "lz4", "none")
-
-
-def _compressor(name: str) -> Callable[[bytes], bytes]:
-    if name == "zstd":
-        return zstandard.ZstdCompressor().compress
-    if name == "lz4":
-        return lz4.frame.compress  # type: ignore[no-any-return]
-    return bytes
+COMPRESSIONS: Final[dict[str, Callable[[bytes], bytes]]] = {
+    **{"zstd": zstandard.compress, "lz4": lz4.frame.compress, "none": bytes}
+}
 
 
 @dataclass
@@ -51,13 +45,6 @@ class _Chunk:
     parts: list[bytes] = field(default_factory=list)
     size: int = 0
     index: dict[int, list[int]] = field(default_factory=dict)
-
-
-class _Written(NamedTuple):
-    """A chunk on disk, and its messages by channel."""
-
-    entry: records.ChunkIndex
-    counts: Counter[int]
 
 
 class McapFile:
@@ -82,11 +69,12 @@ class McapFile:
         self.counts: Counter[int] = Counter()
         self._chunk_bytes = chunk_bytes
         self._compression = "" if compression == "none" else compression
-        self._compress = _compressor(compression)
+        self._compress = COMPRESSIONS[compression]
         self._open = _Chunk()
         self._schemas: list[records.Schema] = []
         self._channels: list[records.Channel] = []
-        self._chunks: list[_Written] = []
+        self._chunks: list[tuple[records.ChunkIndex, Counter[int]]] = []
+        """Chunks on disk, each with its messages by channel."""
         self._metadata: list[records.MetadataIndex] = []
         self._file = path.open("wb", buffering=0)
         try:
@@ -103,12 +91,12 @@ class McapFile:
     @property
     def start_ns(self) -> int:
         """Earliest log time on disk, ns; 0 without messages."""
-        return min((chunk.entry.message_start_time for chunk in self._chunks), default=0)
+        return min((entry.message_start_time for entry, _ in self._chunks), default=0)
 
     @property
     def end_ns(self) -> int:
         """Latest log time on disk, ns; 0 without messages."""
-        return max((chunk.entry.message_end_time for chunk in self._chunks), default=0)
+        return max((entry.message_end_time for entry, _ in self._chunks), default=0)
 
     def add_schema(self, name: str, text: str) -> int:
         """Announce a message type in the ``ros2msg`` encoding; return its number."""
@@ -179,9 +167,9 @@ class McapFile:
         )
         self._open = _Chunk()
         self._write(b"".join((record, *indexes.values())))
-        written = _Written(entry, Counter({channel: len(entries) // 2 for channel, entries in chunk.index.items()}))
-        self._chunks.append(written)
-        self.counts += written.counts
+        counts = Counter({channel: len(entries) // 2 for channel, entries in chunk.index.items()})
+        self._chunks.append((entry, counts))
+        self.counts += counts
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
         """Write texts by name outside the chunks; the open chunk is written first."""
@@ -227,9 +215,9 @@ class McapFile:
         return True
 
     def _give_up_chunk(self) -> None:
-        last = self._chunks.pop()
-        self.counts -= last.counts
-        self.size = last.entry.chunk_start_offset
+        entry, counts = self._chunks.pop()
+        self.counts -= counts
+        self.size = entry.chunk_start_offset
         self._metadata = [entry for entry in self._metadata if entry.offset < self.size]
         self._file.truncate(self.size)
 
@@ -259,7 +247,7 @@ class McapFile:
         data_end = _encoded(records.DataEnd(data_section_crc=0))
         start = self.size + len(data_end)
         summary, offsets = b"", []
-        entries = [chunk.entry for chunk in self._chunks]
+        entries = [entry for entry, _ in self._chunks]
         for group in (self._schemas, self._channels, [statistics], entries, self._metadata):
             if group:
                 part = _encoded(*group)

@@ -45,23 +45,6 @@ class Qos:
     deadline_ns: int = UNLIMITED
     lifespan_ns: int = UNLIMITED
 
-    def __post_init__(self) -> None:
-        """Refuse words that rosbag2 does not know.
-
-        Raises:
-            ValueError: If a value is unknown or the depth is negative.
-        """
-        allowed = {
-            "reliability": ("reliable", "best_effort"),
-            "durability": ("volatile", "transient_local"),
-            "history": ("keep_last", "keep_all"),
-        }
-        for name, values in allowed.items():
-            if getattr(self, name) not in values:
-                raise ValueError(f"QoS {name} must be one of {', '.join(values)}, not {getattr(self, name)!r}")
-        if self.depth < 0:
-            raise ValueError(f"QoS depth must not be negative, got {self.depth}")
-
     @property
     def latched(self) -> bool:
         """Whether a late subscriber still gets the last messages."""

@@ -143,7 +143,7 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         self._finished: list[FileSummary] = []
         self._finished_bytes = 0
         self._longest_lag_s = 0.0
-        self.path = self._name_of_file(0) if self._directory else target
+        self.path = target / f"{target.name}_0.mcap" if self._directory else target
         self._file: McapFile | None = None
         try:
             self._make_room(target, overwrite)
@@ -308,10 +308,6 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         for file in stale:
             file.unlink(missing_ok=True)
 
-    def _name_of_file(self, number: int) -> Path:
-        assert self._directory is not None
-        return self._directory / f"{self._directory.name}_{number}.mcap"
-
     def _open_next(self) -> McapFile:
         """Open a file and announce all topics in it."""
         self._file = None
@@ -347,7 +343,8 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         """Continue in the next file, which begins with the messages that a late subscriber would receive."""
         self._finish_file()
         self._write_metadata_file()  # after a kill it describes the complete files
-        self.path = self._name_of_file(len(self._finished))
+        folder = self.path.parent
+        self.path = folder / f"{folder.name}_{len(self._finished)}.mcap"
         file = self._open_next()
         for topic in self._topics.values():
             for published, data in topic.last or ():

@@ -80,47 +80,33 @@ STAMPED_SIZE: Final = 12
 """Least size of a message that begins with a stamp: head, seconds and nanoseconds, bytes."""
 
 
-@dataclass(frozen=True)
-class RecordSettings:
-    """Checked parameters of the recorder.
+def writing_settings(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Check parameters; return the arguments of `RideRecorder` that they give.
 
-    Attributes:
-        path: Recording.
-        topics: Topics as given; none for the namespace's.
-        all_topics: Whether every topic is recorded.
-        wall_clock: Whether log times are those of publication instead of simulated ones.
-        writing: Arguments of `RideRecorder`.
+    Raises:
+        ValueError: an invalid value.
     """
-
-    path: Path
-    topics: tuple[str, ...]
-    all_topics: bool
-    wall_clock: bool
-    writing: Mapping[str, Any]
-
-    @classmethod
-    def from_parameters(cls, values: Mapping[str, Any]) -> RecordSettings:
-        """Check parameters.
-
-        Raises:
-            ValueError: An invalid value.
-        """
-        if values["all_topics"] and values["topics"]:
-            raise ValueError("parameters all_topics and topics exclude each other: choose topics, or take all")
-        if not 1 <= values["chunk_size"] <= LARGEST_CHUNK:
-            raise ValueError(f"parameter chunk_size must be from 1 to {LARGEST_CHUNK}, got {values['chunk_size']}")
-        for name in ("max_bag_size", "max_bag_duration"):
-            if not math.isfinite(values[name]) or values[name] < 0:
-                raise ValueError(f"parameter {name} must be finite and not negative, got {values[name]}")
-        writing = {
-            "compression": values["compression"],
-            "chunk_bytes": values["chunk_size"],
-            "overwrite": values["overwrite"],
-            "split": Split(values["max_bag_size"], values["max_bag_duration"]),
-            "notes": _notes(values["notes"]) | {"recorded": time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime())},
-        }
-        path = Path(values["path"]).expanduser()
-        return cls(path, values["topics"], values["all_topics"], values["clock"] == WALL, writing)
+    if values["all_topics"] and values["topics"]:
+        raise ValueError("parameters all_topics and topics exclude each other: choose topics, or take all")
+    if not 1 <= values["chunk_size"] <= LARGEST_CHUNK:
+        raise ValueError(f"parameter chunk_size must be from 1 to {LARGEST_CHUNK}, got {values['chunk_size']}")
+    for name in ("max_bag_size", "max_bag_duration"):
+        if not math.isfinite(values[name]) or values[name] < 0:
+            raise ValueError(f"parameter {name} must be finite and not negative, got {values[name]}")
+    notes = {"recorded": time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime())}
+    for entry in values["notes"]:
+        name, separator, text = entry.partition("=")
+        if not separator or not name.strip():
+            raise ValueError(f"parameter notes: {entry!r} is not of the form name=text")
+        notes[name.strip()] = text.strip()
+    return {
+        "path": Path(values["path"]).expanduser(),
+        "compression": values["compression"],
+        "chunk_bytes": values["chunk_size"],
+        "overwrite": values["overwrite"],
+        "split": Split(values["max_bag_size"], values["max_bag_duration"]),
+        "notes": notes,
+    }
 
 
 @dataclass
@@ -151,9 +137,10 @@ class Record(rclpy.node.Node):
             ValueError: an invalid parameter. OSError: the file exists already or cannot be written.
         """
         super().__init__("record", namespace=node_tools.NAMESPACE)
-        self._settings = RecordSettings.from_parameters(node_tools.declare(self, SPECS))
-        self._wanted = frozenset(self._full_name(name) for name in self._settings.topics)
-        self._recorder = RideRecorder(self._settings.path, **self._settings.writing)
+        self._values = node_tools.declare(self, SPECS)
+        writing = writing_settings(self._values)
+        self._wanted = frozenset(self._full_name(name) for name in self._values["topics"])
+        self._recorder = RideRecorder(**writing)
         self._failure = ""
         self._time = 0
         self._warned_of_wall_clock = False
@@ -180,7 +167,10 @@ class Record(rclpy.node.Node):
         try:
             if self._recorder.is_open:
                 self._write_rest()
-                self._close()
+                try:
+                    self._recorder.close()
+                except OSError as error:
+                    self._give_up(error)
         finally:
             self._report()
             written = f"{self._recorder.message_count} messages on {len(self._topics)} topics"
@@ -220,7 +210,7 @@ class Record(rclpy.node.Node):
             return name in self._wanted
         if node_tools.is_hidden(name):
             return False
-        if self._settings.all_topics:
+        if self._values["all_topics"]:
             return True
         return name.startswith(f"{self.get_namespace().rstrip('/')}/") or name in SHARED_TOPICS
 
@@ -312,7 +302,7 @@ class Record(rclpy.node.Node):
                 return
 
     def _log_time(self, sent: int, topic: _Topic, data: bytes) -> int:
-        if self._settings.wall_clock:
+        if self._values["clock"] == WALL:
             return sent
         # A stamp of 0 is what nodes write that do not know the time yet.
         stamp = self._time
@@ -342,12 +332,6 @@ class Record(rclpy.node.Node):
                 "or /clock comes; clock:=wall records wall-clock time"
             )
         return wall
-
-    def _close(self) -> None:
-        try:
-            self._recorder.close()
-        except OSError as error:
-            self._give_up(error)
 
     def _give_up(self, error: OSError) -> NoReturn:
         self._failure = str(error.strerror)
@@ -381,16 +365,6 @@ class Record(rclpy.node.Node):
         }
         self._diagnostics.report(level, text, figures, self._time)
         self._longest_wait, self._reported_dropped = 0.0, dropped
-
-
-def _notes(entries: tuple[str, ...]) -> dict[str, str]:
-    notes = {}
-    for entry in entries:
-        name, separator, text = entry.partition("=")
-        if not separator or not name.strip():
-            raise ValueError(f"parameter notes: {entry!r} is not of the form name=text")
-        notes[name.strip()] = text.strip()
-    return notes
 
 
 def _begins_with_stamp(message_class: Any) -> bool:

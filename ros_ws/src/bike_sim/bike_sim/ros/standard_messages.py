@@ -105,8 +105,8 @@ def odometry(snapshot: Snapshot, vehicle: Vehicle, stamp: int) -> Odometry:
     message.header.frame_id = ODOM_FRAME
     message.child_frame_id = BASE_FRAME
     message.pose.pose.position = _point(snapshot.state[st.X], snapshot.state[st.Y], 0.0)
-    yaw, roll = _half_turn(snapshot.state[st.YAW]), _half_turn(snapshot.state[st.ROLL])
-    message.pose.pose.orientation = Quaternion(x=yaw.c * roll.s, y=yaw.s * roll.s, z=yaw.s * roll.c, w=yaw.c * roll.c)
+    (sy, cy), (sr, cr) = _half_turn(snapshot.state[st.YAW]), _half_turn(snapshot.state[st.ROLL])
+    message.pose.pose.orientation = Quaternion(x=cy * sr, y=sy * sr, z=sy * cr, w=cy * cr)
     message.twist.twist.linear = _vector(*motion.linear)
     message.twist.twist.angular = _vector(*motion.angular)
     message.pose.covariance = message.twist.covariance = _COVARIANCE
@@ -134,16 +134,16 @@ def odom_to_footprint(snapshot: Snapshot, stamp: int) -> TransformStamped:
     """Return the transform from odom to base_footprint: the rear contact point, yaw only (REP-120)."""
     message = _transform(ODOM_FRAME, FOOTPRINT_FRAME, stamp)
     message.transform.translation = _vector(snapshot.state[st.X], snapshot.state[st.Y], 0.0)
-    half = _half_turn(snapshot.state[st.YAW])
-    message.transform.rotation = Quaternion(z=half.s, w=half.c)
+    sin, cos = _half_turn(snapshot.state[st.YAW])
+    message.transform.rotation = Quaternion(z=sin, w=cos)
     return message
 
 
 def footprint_to_base(snapshot: Snapshot, stamp: int) -> TransformStamped:
     """Return the transform from base_footprint to base_link: the lean."""
     message = _transform(FOOTPRINT_FRAME, BASE_FRAME, stamp)
-    half = _half_turn(snapshot.state[st.ROLL])
-    message.transform.rotation = Quaternion(x=half.s, w=half.c)
+    sin, cos = _half_turn(snapshot.state[st.ROLL])
+    message.transform.rotation = Quaternion(x=sin, w=cos)
     return message
 
 
@@ -224,7 +224,7 @@ def vehicle_markers(snapshot: Snapshot, vehicle: Vehicle, stamp: int) -> MarkerA
         wheel = _marker(number, Marker.CYLINDER, MAP_FRAME, stamp, colour)
         wheel.pose.position = _point(*centre)
         # A cylinder's axis is z, a wheel's is y.
-        wheel.pose.orientation = _quaternion(turn @ _rotation_x(math.pi / 2.0))
+        wheel.pose.orientation = _quaternion(turn @ _rotation(0, math.pi / 2.0))
         wheel.scale.x = wheel.scale.y = 2.0 * radius
         wheel.scale.z = 0.04
         wheels.append(wheel)
@@ -253,11 +253,11 @@ def course_marker(course: Course, stamp: int) -> Marker:
 def wheel_poses(snapshot: Snapshot, vehicle: Vehicle) -> tuple[tuple[FloatArray, FloatArray], ...]:
     """Return centre (m, map) and orientation (3 by 3, axle along y) of the rear and of the front wheel."""
     state, look = snapshot.state, snapshot.look
-    lean = _rotation_z(state[st.YAW]) @ _rotation_x(state[st.ROLL])
+    lean = _rotation(2, state[st.YAW]) @ _rotation(0, state[st.ROLL])
     rear = np.array([state[st.X], state[st.Y], 0.0]) + lean @ np.array([0.0, 0.0, vehicle.rR])
-    frame = lean @ _rotation_y(base_motion(snapshot, vehicle).pitch)
-    tilt = _rotation_y(-vehicle.lam)
-    front = frame @ tilt @ _rotation_z(state[st.STEER]) @ tilt.T
+    frame = lean @ _rotation(1, base_motion(snapshot, vehicle).pitch)
+    tilt = _rotation(1, -vehicle.lam)
+    front = frame @ tilt @ _rotation(2, state[st.STEER]) @ tilt.T
     # From the contact point the centre lies upwards within the plane of the wheel.
     axle = front[:, 1]
     upwards = np.array([0.0, 0.0, 1.0]) - axle[2] * axle
@@ -280,14 +280,9 @@ def _transform(parent: str, child: str, stamp: int) -> TransformStamped:
     return message
 
 
-class _HalfTurn(NamedTuple):
-    s: float
-    c: float
-
-
-def _half_turn(angle: float) -> _HalfTurn:
+def _half_turn(angle: float) -> tuple[float, float]:
     """Return sine and cosine of half an angle, the parts of a quaternion."""
-    return _HalfTurn(math.sin(0.5 * angle), math.cos(0.5 * angle))
+    return math.sin(0.5 * angle), math.cos(0.5 * angle)
 
 
 def _vector(x: Any, y: Any, z: Any) -> Vector3:
@@ -298,19 +293,13 @@ def _point(x: Any, y: Any, z: Any) -> Point:
     return Point(x=float(x), y=float(y), z=float(z))
 
 
-def _rotation_x(angle: float) -> FloatArray:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-
-
-def _rotation_y(angle: float) -> FloatArray:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-
-
-def _rotation_z(angle: float) -> FloatArray:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+def _rotation(axis: int, angle: float) -> FloatArray:
+    """Return the rotation by an angle about x (0), y (1) or z (2)."""
+    turn, j, k = np.eye(3), (axis + 1) % 3, (axis + 2) % 3
+    turn[j, j] = turn[k, k] = math.cos(angle)
+    turn[k, j] = math.sin(angle)
+    turn[j, k] = -turn[k, j]
+    return turn
 
 
 def _quaternion(r: FloatArray) -> Quaternion:

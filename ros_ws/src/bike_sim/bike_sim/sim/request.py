@@ -223,11 +223,6 @@ def draw_start(rng: np.random.Generator, speed: float, front_radius: float) -> S
         front_radius: of the front wheel, m.
     """
     state = st.upright_state(speed, front_radius)
-    return Start(state, speed, _perturb(rng, state))
-
-
-def _perturb(rng: np.random.Generator, state: st.StateVector) -> float:
-    """Draw a perturbed start (Table 3) into the state; return the direction of the path relative to the yaw, rad."""
     state[st.X], state[st.Y] = rng.uniform(-POSITION_RANGE, POSITION_RANGE, size=2)
     state[st.YAW] = rng.uniform(-math.pi, math.pi)
     state[st.ROLL] = rng.uniform(-ROLL_RANGE, ROLL_RANGE)
@@ -235,4 +230,4 @@ def _perturb(rng: np.random.Generator, state: st.StateVector) -> float:
     state[st.REAR_WHEEL], state[st.FRONT_WHEEL] = rng.uniform(-math.pi, math.pi, size=2)
     state[st.ROLL_RATE] = rng.uniform(-ROLL_RATE_RANGE, ROLL_RATE_RANGE)
     state[st.STEER_RATE] = rng.uniform(-STEER_RATE_RANGE, STEER_RATE_RANGE)
-    return float(rng.uniform(-DIRECTION_RANGE, DIRECTION_RANGE))
+    return Start(state, speed, float(rng.uniform(-DIRECTION_RANGE, DIRECTION_RANGE)))
