@@ -16,7 +16,7 @@ import weakref
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import IO, Any, Final, Protocol
+from typing import IO, Any, Final
 
 from bike_sim.ros.isolation import DOMAIN_VARIABLE, end_with_this_process, prepare_discovery
 
@@ -24,17 +24,10 @@ MAX_LOOK: Final = 1.0
 """Longest time between two looks that counts as silence, s: beyond it, this process itself was held up."""
 
 
-class Worker(Protocol):
-    """A process that may be at work."""
-
-    def is_working(self) -> bool:
-        """Return whether it runs, or waits for the processor or the disk."""
-
-
 class InactivityTimeout:
     """Counts the time without messages in which no process works, and reports when it is too long."""
 
-    def __init__(self, limit: float, workers: Sequence[Worker]) -> None:
+    def __init__(self, limit: float, workers: Sequence[NodeProcess]) -> None:
         """Begin to count.
 
         Args:

@@ -11,8 +11,8 @@ import itertools
 import os
 import shlex
 import socket
-from collections.abc import Iterator, MutableMapping
-from contextlib import AbstractContextManager, suppress
+from collections.abc import MutableMapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Final
 
@@ -118,14 +118,12 @@ class DomainLease(AbstractContextManager["DomainLease"]):
 
 def _inhabited_domains() -> set[int]:
     """Return the domains in which nodes are running already, such as those started by hand."""
-    return {(port - FIRST_PORT) // PORTS_PER_DOMAIN for port in _udp_ports()}
-
-
-def _udp_ports() -> Iterator[int]:
-    with suppress(OSError):
+    try:
         lines = Path("/proc/self/net/udp").read_text().splitlines()[1:]
-        for line in lines:
-            yield int(line.split()[1].rpartition(":")[2], 16)
+    except OSError:
+        return set()
+    ports = (int(line.split()[1].rpartition(":")[2], 16) for line in lines)
+    return {(port - FIRST_PORT) // PORTS_PER_DOMAIN for port in ports}
 
 
 # --------------------------------------------------------------------------------------------------------------- parent
