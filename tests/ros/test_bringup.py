@@ -145,6 +145,15 @@ def test_all_frames_lead_to_the_world(messages) -> None:
     assert RVIZ["Global Options"]["Fixed Frame"] == "map"
 
 
+@pytest.mark.ros
+def test_a_recorded_ride_has_its_first_state_and_command(messages) -> None:
+    """However late the nodes find each other, which is different each time."""
+    states, commands = ({message.step for message in messages[f"/bike/{name}"][1]} for name in ("state", "command"))
+    assert states == set(range(len(states)))
+    assert len(states) > 40
+    assert commands >= states - {max(states)}
+
+
 PARAMETERS = yaml.safe_load((BRINGUP / "config" / "ride.yaml").read_text())
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import signal
 import time
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -105,6 +106,9 @@ class Asker:
         """Answers to a step, each with the wall-clock time at which it came, s."""
         return [answer for answer in self._answers if answer[1].step == step]
 
+    def until(self, condition: Callable[[], bool]) -> None:
+        self._ears.until(condition)
+
     def until_answered(self, step: int, count: int = 1) -> None:
         self._ears.until(lambda: len(self.answers(step)) >= count)
 
@@ -168,14 +172,20 @@ def test_states_that_are_old_or_not_finite_are_told_and_not_answered(asked) -> N
     assert "0 stale, 1 not finite" in driver.words
 
 
-def test_a_policy_that_does_not_fit_is_refused(ros, policy) -> None:
-    """Here for its preview; `tests/contract/test_bundle.py` has the other differences."""
-    ros.simulator(preview_by_time=False, preview_interval=1.0)
-    probe = ros.probe()
-    driver = ros.start("bike_policy.drive", policy=policy)
+def test_a_policy_that_does_not_fit_is_refused(asked) -> None:
+    """Here for its preview; `tests/contract/test_bundle.py` has the other differences. It ends the node: last."""
+    asker, state, driver = asked
+    other = BikeState(**{name: getattr(state, name) for name in state.get_fields_and_field_types()})
+    other.episode += 1
+    asker.show_course(other)
+
+    def ended() -> bool:
+        asker.ask(other, preview_by_time=False, preview_interval=1.0)
+        return driver.process.poll() is not None
+
+    asker.until(ended)
     assert driver.wait() == 2
     assert "needs a preview by time" in driver.words
-    assert probe.states[-1].step == 0
 
 
 def test_a_policy_that_does_not_exist_is_one_line(run_here) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 import socket
 import struct
@@ -18,8 +17,8 @@ from websockets.typing import Subprotocol
 
 from bike_analysis.read.columns import MessageSchema
 from bike_policy.riders.rider import make_rider
-from bike_sim.sim.config import SimulatorConfig, superbike_config
-from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.request import ResetRequest
 from bike_training.nodes.foxglove_bridge import FoxgloveBridge
 from bike_training.nodes.live_ride import LiveRide, LiveSettings
 
@@ -125,34 +124,3 @@ def test_only_this_machine_is_served_and_clients_only_listen(bridge: FoxgloveBri
 def test_a_taken_port_is_one_sentence(bridge: FoxgloveBridge) -> None:
     with pytest.raises(OSError, match=f"port {bridge.port} cannot be opened for Foxglove: .*in use"):
         FoxgloveBridge(0, bridge.port)
-
-
-@pytest.mark.ros
-def test_every_field_that_the_superbikes_layout_plots_comes_through(circuit: Path) -> None:
-    """And the speed stands on its gauge."""
-    layout = json.loads((LAYOUTS / "superbike.json").read_text())["configById"]
-    plotted = {
-        tuple(line["value"].split("."))
-        for panel in layout.values()
-        for line in panel.get("paths", ())
-        if "value" in line
-    }
-    assert {topic for topic, _ in plotted} == {"/bike/state", *OF_SUPERBIKES}
-    rider = make_rider("classical")
-    request = ResetRequest(course=str(circuit), preview=rider.preview or Preview(), speed_share=0.5)
-    ride = LiveRide(LiveSettings(superbike_config("panigale_v4r"), request, rider), lambda _: None)
-    try:
-        ride.start()
-        with closing(FoxgloveBridge(ride.domain_id, 0)) as bridge:
-            for topic in ("/bike/state", *OF_SUPERBIKES):
-                message = heard(bridge, topic)
-                shown = [field for of, field in plotted if of == topic]
-                assert len(shown) >= 2
-                assert all(math.isfinite(getattr(message, field)) for field in shown)
-                if topic == "/bike/state":
-                    topic_of_gauge, field = layout["Gauge!speed"]["path"].split(".")
-                    assert topic_of_gauge == topic
-                    assert 0.0 < getattr(message, field) < layout["Gauge!speed"]["maxValue"] == 90.0
-    finally:
-        ride.end()
-    ride.check()

@@ -12,7 +12,7 @@ import numpy as np
 import pybullet
 import pytest
 from bike_msgs.msg import BikeCommand, BikeState
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pybullet_utils.bullet_client import BulletClient
 from rclpy.serialization import deserialize_message, serialize_message
@@ -31,7 +31,6 @@ from bike_sim.sim.events import EventKind
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
-from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
 from bike_sim.vehicles.superbike import Superbike
 from tests.same import assert_same
 from tests.sim.conftest import STADIUM
@@ -103,12 +102,9 @@ def test_bytes_of_a_stranger_are_a_message_or_one_error(
 
 @pytest.fixture(scope="module")
 def simulators(own_lines: Path) -> Iterator[dict[str, Simulator]]:
-    """One simulator of each shipped vehicle, and of a bicycle on PyBullet."""
-    configs = {
-        name: superbike_config(name) if isinstance(load_vehicle(name), Superbike) else SimulatorConfig(name, "whipple")
-        for name in shipped_vehicles()
-    }
-    configs["whipple on pybullet"] = SimulatorConfig(time_step=0.005)
+    """Simulators of a bicycle on both engines, of a rigid superbike and of one with suspension."""
+    configs = {name: superbike_config(name) for name in ("panigale_v4r", "zx10rr_suspended")}
+    configs |= {"whipple": SimulatorConfig(engine="whipple"), "whipple on pybullet": SimulatorConfig(time_step=0.005)}
     made = {name: Simulator(config) for name, config in configs.items()}
     yield made
     for simulator in made.values():
@@ -129,6 +125,7 @@ def assert_survives(simulator: Simulator, snapshot: Snapshot) -> None:
     assert_carried(snapshot, facts)
 
 
+@settings(max_examples=15)
 @given(data=st.data())
 def test_snapshots_of_all_vehicles_survive_wherever_they_ride(
     simulators: dict[str, Simulator], circuit_file: str, data: st.DataObject

@@ -41,7 +41,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]
 
 
 def test_messages_carry_what_the_rider_sees(circuit: Path) -> None:
-    machine = Simulator(superbike_config("m1000rr"))
+    machine = Simulator(superbike_config())
     snapshot = machine.reset(ResetRequest(course=str(circuit), speed_range=(25.0, 25.0)))
     for _ in range(20):
         snapshot = machine.step(0.4, 0.2)
@@ -55,10 +55,10 @@ def test_messages_carry_what_the_rider_sees(circuit: Path) -> None:
     machine.close()
 
 
-def straight_on(vehicle: str, circuit: Path, throttles: list[float]) -> Iterator[tuple[Simulator, Telemetry, str]]:
+def straight_on(vehicle: str, throttles: list[float]) -> Iterator[tuple[Simulator, Telemetry, str]]:
     """Ride upright on the open plane; yield ride, telemetry and fall after each control period."""
     ride = Simulator(superbike_config(vehicle))
-    seen = ride.reset(ResetRequest(course=str(circuit), speed_range=(20.0, 20.0)))
+    seen = ride.reset(ResetRequest(course="line", speed_range=(20.0, 20.0)))
     ride.plant.engine.reset(upright_state(25.0, ride.vehicle.rF))
     for throttle in throttles:
         ride.plant.engine.advance(0.0, throttle, ride.config.substeps)
@@ -67,10 +67,10 @@ def straight_on(vehicle: str, circuit: Path, throttles: list[float]) -> Iterator
     ride.close()
 
 
-def test_telemetry_balances_what_moves_the_machine(circuit: Path) -> None:
+def test_telemetry_balances_what_moves_the_machine() -> None:
     throttles = [0.3] * 40 + [1.0] * 60 + [-1.0] * 60
     aids: list[set[str]] = [set(), set()]
-    for throttle, (machine, message, fall) in zip(throttles, straight_on("m1000rr", circuit, throttles), strict=True):
+    for throttle, (machine, message, fall) in zip(throttles, straight_on("m1000rr", throttles), strict=True):
         assert fall == "none"
         along = message.rear_force_longitudinal + message.front_force_longitudinal - message.drag_force
         assert message.acceleration_longitudinal * machine.vehicle.mass == pytest.approx(along, abs=1.0)
@@ -88,14 +88,14 @@ def test_telemetry_balances_what_moves_the_machine(circuit: Path) -> None:
     assert not aids[0] & {"brake_control", "anti_stoppie"}
 
 
-def test_aids_that_are_off_are_never_active(circuit: Path, tmp_path: Path) -> None:
+def test_aids_that_are_off_are_never_active(tmp_path: Path) -> None:
     text = (files("bike_sim") / "config/vehicles/r1.yaml").read_text()
     for aid in ("traction_control", "wheelie_control", "brake_control", "stoppie_control"):
         text, count = re.subn(rf"{aid}: 1\.0", f"{aid}: 0.0", text)
         assert count == 1, aid
     path = tmp_path / "bare.yaml"
     path.write_text(text)
-    seen = list(straight_on(str(path), circuit, [1.0] * 100))
+    seen = list(straight_on(str(path), [1.0] * 100))
     for _, message, _ in seen:
         assert not any((message.traction_control, message.anti_wheelie, message.brake_control, message.anti_stoppie))
     assert any(message.front_contact_lost for _, message, _ in seen)
