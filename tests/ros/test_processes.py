@@ -112,7 +112,7 @@ def test_bytes_of_a_stranger_end_no_node_and_are_recorded_as_they_are(ros, polic
         for data in GARBAGE:
             publisher.publish(data[:8] if topic == "/clock" else data)  # a type without texts has a largest size
     clock = time.monotonic()
-    while time.monotonic() < clock + 2.0:
+    while time.monotonic() < clock + 2.0 or (monitor._state is None and time.monotonic() < clock + PATIENCE):
         monitor._node.spin_once(0.05)
     step = monitor._state.step
     while monitor._state.step <= step + 20 and time.monotonic() < clock + PATIENCE:
