@@ -166,7 +166,7 @@ def test_parameters_of_the_ride_exist_and_have_their_type(node: str, specs: tupl
 
 def test_parameters_of_the_ride_are_accepted_by_the_simulator() -> None:
     given = PARAMETERS["/**/sim_node"]["ros__parameters"]
-    assert NodeSettings.from_parameters({spec.name: spec.default for spec in SPECS} | given).mode == "free"
+    assert NodeSettings.from_parameters({spec.name: spec.default for spec in SPECS} | given).values["mode"] == "free"
 
 
 def test_launch_file_starts_programs_and_reads_files_that_exist() -> None:
