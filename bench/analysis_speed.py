@@ -82,8 +82,8 @@ class _Topic:
         if self.type.name.endswith("RideEvent"):
             kinds["time"] = ("<d", "seconds")
         return [
-            (place.offset, struct.Struct(kinds[name][0]), kinds[name][1])
-            for name, place in MessageLayout(self._schema, data).places.items()
+            (offset, struct.Struct(kinds[name][0]), kinds[name][1])
+            for name, (_, offset) in MessageLayout(self._schema, data).places.items()
             if name in kinds
         ]
 

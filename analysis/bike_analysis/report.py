@@ -17,7 +17,7 @@ from bike_analysis.figures.circuit import Theory, circuit_figures, ridden_circui
 from bike_analysis.figures.compare import Comparison, CourseError
 from bike_analysis.figures.metrics import Figures
 from bike_analysis.figures.recorded import RecordedLap, RecordedRide, RideRecording, comparable, compare, open_ride
-from bike_analysis.figures.results import comparison_figures, distance_by_speed, finite, recording_figures, ride_entry
+from bike_analysis.figures.results import comparison_figures, finite, recording_figures, ride_entry
 from bike_analysis.page.document import RC
 from bike_analysis.page.plots import overview_figure
 from bike_analysis.page.ride_page import write_page
@@ -89,7 +89,6 @@ def analyze(
         "recordings": [recording_figures(recording) for recording in recordings],
         "rides": [ride_entry(ride) for ride in rides],
         "comparisons": [comparison_figures(comparison) for comparison in several],
-        "distance_by_speed": distance_by_speed(recordings),
         "truncated": any(recording.data.truncated for recording in recordings),
         "warnings": [*unread, *_warnings(recordings), *incomparable],
     }

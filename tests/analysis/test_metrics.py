@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from bike_analysis import find_rides, read_recording, ride_figures
 from bike_analysis.figures.metrics import Figures, latency_figures
-from bike_analysis.figures.numbers import command_delay, rate
+from bike_analysis.figures.numbers import command_ages, rate
 from bike_analysis.read.messages import Latency
 from bike_analysis.read.rides import Ride
 
@@ -136,16 +136,6 @@ def test_command_delay(delay: int, ride_of, circle) -> None:
     assert figures.unanswered_states == delay
 
 
-def test_held_command_grows_older(ride_of, circle) -> None:
-    """Commands stop after state 9: the last one is held and is one step older at each step."""
-    ride = circle(steps=20)
-    ride.states["steering_command"] = np.concatenate([0.01 * np.arange(11), np.full(9, 0.10)])
-    rides, _ = ride_of(ride)
-    held = rides[0].commands.take(rides[0].commands.step <= 9)
-    delay = command_delay(replace(rides[0], commands=held))
-    assert delay.steps.tolist() == [0] * 10 + list(range(1, 10))
-
-
 def test_latency_from_diagnostics(ride_of, circle) -> None:
     _, figures = ride_of(circle(steps=60, latency_ms=(0.06, 0.31)), circle(steps=60, episode=2, start_s=9.0))
     assert figures[0].latency_median_s == pytest.approx(6e-5)
@@ -230,13 +220,13 @@ def test_command_delay_is_that_of_a_plain_search(circle_ride_of_ten: Ride, data:
     table = ride.commands.take(np.zeros(count, dtype=np.int64))
     commands = replace(table, step=steps, time_s=0.05 * steps).with_columns(steering=steering)
     applied = np.array(data.draw(st.lists(values, min_size=10, max_size=10)))
-    found = command_delay(replace(ride, commands=commands, states=ride.states.with_columns(steering_command=applied)))
-    wanted = []
+    ages, _ = command_ages(replace(ride, commands=commands, states=ride.states.with_columns(steering_command=applied)))
+    wanted = {}
     for row in range(1, 10):
         same = [s for s, v in zip(steps, steering, strict=True) if np.clip(v, -1, 1) == applied[row] and s <= row - 1]
         if same:
-            wanted.append((row, row - 1 - max(same)))
-    assert list(zip(found.rows.tolist(), found.steps.tolist(), strict=True)) == wanted
+            wanted[row] = row - 1 - max(same)
+    assert {row: age for row, age in enumerate(ages) if np.isfinite(age)} == wanted
 
 
 @pytest.fixture(scope="module")

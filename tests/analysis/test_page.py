@@ -32,13 +32,9 @@ from bike_analysis.page.ride_page import render_page, write_page
 from bike_analysis.page.ride_view import panels_for, ride_view
 from bike_analysis.page.view import (
     FAST_CHANNELS,
-    Band,
-    Cloud,
-    Histogram,
     MapLine,
     Panel,
     PanelLine,
-    Section,
     Series,
     View,
     growing,
@@ -300,7 +296,10 @@ def lap_page(path: Path) -> Path:
     edges = [(1.0 + 0.02 * k) * columns[name][::20] for k in (1, -1) for name in ("x", "y")]
     view = replace(
         view,
-        cloud=Cloud("g-g", "lateral", "along", "lateral in g", "longitudinal in g", (-1.0, 1.0, -0.6, 0.6), ""),
+        cloud={
+            **{"title": "g-g", "x": "lateral", "y": "along", "x_label": "lateral in g", "y_label": "longitudinal in g"},
+            **{"box": (-1.0, 1.0, -0.6, 0.6), "caption": "", "limit": None},
+        },
         follow={"title": "", "lapTime": "", "step": 8.0, "line": [], "edges": [edge.tolist() for edge in edges]},
     )
     return page_of(view, path)
@@ -800,11 +799,11 @@ def test_differences_are_to_the_reference_that_is_chosen(opened: Opener, tmp_pat
     )
     lines = {name: (PanelLine(name, name, "blue"),) for name in ("delta", "speed_delta")}
     panels = tuple(Panel(name, name, line, bands=("aid",)) for name, line in lines.items())
-    shares = {"slow": (60.0, 40.0), "fast": (0.0, 100.0)}
+    bins = {"edges": (0.0, 30.0, 60.0), "shares": {"slow": (60.0, 40.0), "fast": (0.0, 100.0)}}
     view = View(
         *("laps", "laps", series, panels),
-        bands=(Band("aid", "an aid", "aid1", ((200, 400),)),),
-        histograms=(Histogram("lean-histogram", "Lean", "lean in °", (0.0, 30.0, 60.0), shares),),
+        bands=({"key": "aid", "name": "an aid", "colour": "aid1", "rows": ((200, 400),)},),
+        histograms=({"key": "lean-histogram", "title": "Lean", "label": "lean in °", "caption": "", **bins},),
         reference=2,
     )
     path = page_of(view, tmp_path / "laps.html")
@@ -827,7 +826,7 @@ def test_differences_are_to_the_reference_that_is_chosen(opened: Opener, tmp_pat
     assert [float(value) for value in told("delta")] == pytest.approx([5.0, 0.0, -7.5])
     shown = browser.execute_script("""const { chart } = document.querySelector('[data-plot="lean-histogram"]').drawn;
       return [chart.u.series.length - 1, chart.wanted.found.map(one => one.y)]""")
-    assert shown == [3, [[0, 60, 60, 40, 0], [0, 0, 0, 100, 0]]]  # an area, and a line each
+    assert shown == [2, [[0, 60, 60, 40, 0], [0, 0, 0, 100, 0]]]
     strip = browser.execute_script("""const { u } = document.querySelector('[data-plot="delta"]').drawn.chart;
       const ink = getComputedStyle(document.documentElement).getPropertyValue("--aid1").trim();
       const foot = u.bbox.top + u.bbox.height - 4;
@@ -881,7 +880,8 @@ def circuit_view(rows: int) -> View:
     }
     path = MapLine("reference path", "reference", columns["x"][:6000], columns["y"][:6000])
     sections = tuple(
-        Section(str(k % 12 + 1), f"section {k}", 1000 * k, 1000 * (k + 1)) for k in range(rows // 1000 - 1)
+        {"label": str(k % 12 + 1), "name": "a section", "first": 1000 * k, "last": 1000 * (k + 1), "shaded": False}
+        for k in range(rows // 1000 - 1)
     )
     return View(
         *("circuit", "a circuit", (Series("ride", columns),), panels_for(columns, fast=True), (path,)),

@@ -242,7 +242,7 @@ def test_command_prints_a_table_and_writes_beside_the_recording(recorded: Path, 
     copy = shutil.copy(recorded, tmp_path / "mine.mcap")
     result = run_command(str(copy))
     printed = capsys.readouterr().out
-    assert result["schema"] == "bike.analyze/2"
+    assert result["schema"] == "bike.analyze/3"
     assert result["ok"] is True
     assert f"{result['figures']['rides'][0]['mean_error_m']:.3f}" in printed
     assert (tmp_path / "ride.html").exists()

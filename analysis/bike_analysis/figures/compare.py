@@ -242,45 +242,6 @@ class Comparison:
         }
         return pd.DataFrame(names | {name: self.values[name][index][known] for name in self.columns})
 
-    def ghosts(self, period_s: float = 0.1) -> pd.DataFrame:
-        """Positions of the runs at the same time since its begin.
-
-        Args:
-            period_s: Time between two positions, s.
-
-        Returns:
-            One row per time and run: ``time_s``, ``run``, ``station_m``, ``x_m``, ``y_m``, ``gap_m`` (distance ahead of
-            the reference, negative behind), ``speed_m_s``. A run has rows from its first station to its end.
-
-        Raises:
-            ValueError: If the period is not positive.
-        """
-        if not period_s > 0.0:
-            raise ValueError(f"the period of ghosts must be positive, got {period_s!r}")
-        if float(np.nanmax(self.values["time_s"], initial=0.0)) / period_s > MOST_ROWS:
-            raise ValueError(f"ghosts every {period_s:g} s would be more than {MOST_ROWS}")
-        reference = self._over_time(self.reference, "station_m", None)
-        parts = []
-        for index, run in enumerate(self.runs):
-            known = self.values["time_s"][index][np.isfinite(self.values["time_s"][index])]
-            if not len(known):
-                continue
-            time = np.arange(0.0, known[-1] + 1e-9, period_s)
-            time = time[time > known[0] - period_s]  # a recorder may have come late
-            places = {n: self._over_time(index, n, time)[1] for n in ("station_m", "x_m", "y_m", "speed_m_s")}
-            ahead = places["station_m"] - np.interp(time, *reference, left=np.nan, right=np.nan)
-            parts.append(pd.DataFrame({"time_s": time, "run": run.label, **places, "gap_m": ahead}))
-        return pd.concat(parts, ignore_index=True).sort_values(["time_s", "run"], kind="stable", ignore_index=True)
-
-    def _over_time(self, index: int, name: str, time: Floats | None) -> tuple[Floats, Floats]:
-        """A column of a run over time: at its stations, or interpolated at given times."""
-        clock = self.values["time_s"][index]
-        known = np.isfinite(clock)
-        values = self.station_m[known] if name == "station_m" else self.values[name][index][known]
-        if time is None:
-            return clock[known], values
-        return time, np.interp(time, clock[known], values)
-
     def fastest(self, count: int) -> Comparison:
         """The same with the fastest runs only, the reference among them.
 

@@ -32,7 +32,6 @@ from bike_analysis.figures.laps import (
 from bike_analysis.figures.numbers import (
     best_sectors_together,
     command_ages,
-    command_delay,
     over,
     rate,
     rms_of,
@@ -150,7 +149,7 @@ def ride_figures(ride: Ride) -> Figures:
     laps = find_laps(ride)
     outside = beyond_limits(states, ride.course)
     median, p99 = latency_figures(ride.latencies)
-    delay, answered = command_delay(whole), np.unique(whole.commands.step)
+    (ages, seconds), answered = command_ages(whole), np.unique(whole.commands.step)
     length, progress = course_length(ride), states.progress[np.isfinite(states.progress)]
     worst = float(states.progress[int(np.nanargmax(error))]) if np.isfinite(error).any() else np.nan
     left = sum(e.kind == "off_course" and (ride is whole or e.step < states.step[-1]) for e in ride.events)
@@ -173,10 +172,10 @@ def ride_figures(ride: Ride) -> Figures:
         lost_commands=int(answered[-1] - answered[0] + 1 - len(answered)) if len(answered) else None,
         repeated_states=ride.repeated_states,
         unanswered_states=int(np.sum(~np.isin(whole.states.step[:-1], answered))) if len(answered) else None,
-        command_delay_mean_steps=over(np.mean, delay.steps),
-        command_delay_max_steps=int(delay.steps.max()) if len(delay.steps) else None,
-        command_delay_mean_s=over(np.mean, delay.time_s),
-        command_delay_max_s=over(np.max, delay.time_s),
+        command_delay_mean_steps=over(np.mean, ages),
+        command_delay_max_steps=None if (oldest := over(np.max, ages)) is None else int(oldest),
+        command_delay_mean_s=over(np.mean, seconds),
+        command_delay_max_s=over(np.max, seconds),
         latency_median_s=median,
         latency_p99_s=p99,
         **ideal_figures(ride, slice(None)),

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_analysis.read.messages import Floats, Integers
+from bike_analysis.read.messages import Floats
 from bike_analysis.read.rides import Ride
 from bike_sim.schema import TELEMETRY
 
@@ -101,23 +100,8 @@ def time_shares(values: Floats, time_s: Floats, edges: Sequence[float]) -> tuple
     return tuple(float(share) for share in 100.0 * counts / counts.sum())
 
 
-@dataclass(frozen=True)
-class CommandDelay:
-    """Age of the command that was applied in each step.
-
-    Attributes:
-        rows: Rows of the ride's states (those after a step) for which it is known.
-        steps: Age in control steps: 0 if the command answers the very state from which the step began.
-        time_s: The same in simulated time, s.
-    """
-
-    rows: Integers
-    steps: Integers
-    time_s: Floats
-
-
-def command_delay(ride: Ride) -> CommandDelay:
-    """Return the age of the applied commands.
+def command_ages(ride: Ride) -> tuple[Floats, Floats]:
+    """Return the age of the command that was applied in the step that led to each state.
 
     A state contains the command that was applied in the step that led to it. That command is looked up among the
     recorded ones: the newest one with this value that answers a state from before the step. Its age is the number of
@@ -128,13 +112,15 @@ def command_delay(ride: Ride) -> CommandDelay:
         ride: A ride.
 
     Returns:
-        The delay of each step for which the command was found; empty if commands were not recorded.
+        Age of each state's command in control steps (0 if it answers the very state from which the step began) and in
+        simulated time, s; NaN where it is not known.
     """
     states, commands = ride.states, ride.commands
     steering = np.clip(commands.steering, -1.0, 1.0)
+    ages, seconds = np.full(len(states), np.nan), np.full(len(states), np.nan)
     values, value = np.unique(steering[np.isfinite(steering)], return_inverse=True)
     if not len(values) or len(states) < 2:
-        return CommandDelay(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))
+        return ages, seconds
     finite = np.flatnonzero(np.isfinite(steering))
     span = int(max(states.step[-1], commands.step.max())) + 2
     # One number for value and step: the newest command of a value is found by one search.
@@ -150,15 +136,8 @@ def command_delay(ride: Ride) -> CommandDelay:
     row = np.minimum(np.searchsorted(states.step, commands.step), len(states) - 1)
     # Of the state that a command answers; the command's own stamp only where that state is not there.
     answered_time = np.where(states.step[row] == commands.step, states.time_s[row], commands.time_s)
-    return CommandDelay(rows, begin - commands.step[match], begin_time - answered_time[match])
-
-
-def command_ages(ride: Ride) -> tuple[Floats, Floats]:
-    """Age of the command applied in the step that led to each state, in steps and in s; NaN where it is not known."""
-    delay = command_delay(ride)
-    steps, seconds = np.full(len(ride.states), np.nan), np.full(len(ride.states), np.nan)
-    steps[delay.rows], seconds[delay.rows] = delay.steps, delay.time_s
-    return steps, seconds
+    ages[rows], seconds[rows] = begin - commands.step[match], begin_time - answered_time[match]
+    return ages, seconds
 
 
 def tyre_figures(ride: Ride) -> dict[str, float | None] | None:

@@ -41,32 +41,7 @@ function nearestRow(column, wanted) {
   return row > 0 && wanted - column[row - 1] < column[row] - wanted ? row - 1 : row;
 }
 
-// A pyramid over each column: rows of the smallest and the largest value of each 4, 8, 16 … rows, so that an hour is
-// searched as quickly as a minute. -1 stands for no row: all values are missing.
-const CELL = 4;
-const pyramids = new WeakMap();
-const lower = (column, a, b) => b < 0 || (a >= 0 && column[a] <= column[b]) ? a : b;
-const higher = (column, a, b) => b < 0 || (a >= 0 && column[a] >= column[b]) ? a : b;
-
-function pyramidOf(column) {
-  let levels = pyramids.get(column);
-  if (levels) return levels;
-  levels = [];
-  for (let count = Math.floor(column.length / CELL); count >= 1; count >>= 1) {
-    const below = levels[levels.length - 1], low = new Int32Array(count), high = new Int32Array(count);
-    for (let cell = 0; cell < count; cell++) {
-      if (below) {
-        low[cell] = lower(column, below.low[2 * cell], below.low[2 * cell + 1]);
-        high[cell] = higher(column, below.high[2 * cell], below.high[2 * cell + 1]);
-      } else [low[cell], high[cell]] = extremeRows(column, cell * CELL, (cell + 1) * CELL);
-    }
-    levels.push({ low, high });
-  }
-  pyramids.set(column, levels);
-  return levels;
-}
-
-// Rows of the smallest and the largest value in [first, end), each looked at.
+// Rows of the smallest and the largest value in [first, end); -1 where all are missing.
 function extremeRows(column, first, end) {
   let low = -1, high = -1;
   for (let i = first; i < end; i++) {
@@ -78,45 +53,29 @@ function extremeRows(column, first, end) {
   return [low, high];
 }
 
-// The same by the pyramid: single rows at the ends, then at most two cells of each level.
-function extremesIn(column, first, end) {
-  let from = Math.ceil(first / CELL), to = Math.floor(end / CELL);
-  if (to <= from) return extremeRows(column, first, end);
-  let [low, high] = extremeRows(column, first, from * CELL);
-  const offer = (below, above) => { low = lower(column, low, below); high = higher(column, high, above); };
-  offer(...extremeRows(column, to * CELL, end));
-  for (const level of pyramidOf(column)) {
-    if (from >= to) break;
-    if (from & 1) { offer(level.low[from], level.high[from]); from++; }
-    if (to & 1) { to--; offer(level.low[to], level.high[to]); }
-    from >>= 1; to >>= 1;
-  }
-  return [low, high];
-}
-
-// The line as drawn: everything where there are few rows, else the extremes of each cell of the pyramid, so no peak is
-// lost. The level is the finest with at most so many cells; they lie fast in the column, so nothing flickers in a pan.
+// The line as drawn: everything where there are few rows, else the extremes of each stretch of so many rows that there are
+// at most `cells` stretches, so no peak is lost. They lie fast in the column, so nothing flickers in a pan.
 function thinned(x, y, first, end, cells) {
   if (end - first <= 2 * cells) return { x: x.subarray(first, end), y: y.subarray(first, end), whole: true };
-  const level = Math.ceil(Math.log2((end - first) / cells / CELL)), size = CELL * 2 ** level, tx = [], ty = [];
-  const { low, high } = pyramidOf(y)[level], from = Math.ceil(first / size), to = Math.floor(end / size);
-  const add = row => { tx.push(x[row]); ty.push(y[row]); };
-  const both = (below, above, instead) => {
-    if (below < 0) { add(instead); return; }
-    add(Math.min(below, above));
-    if (below !== above) add(Math.max(below, above));
-  };
-  add(first);
-  if (first < from * size) both(...extremesIn(y, first, from * size), first);
-  for (let cell = from; cell < to; cell++) both(low[cell], high[cell], cell * size);
-  if (to * size < end) both(...extremesIn(y, to * size, end), end - 1);
-  add(end - 1);
-  return { x: tx, y: ty, whole: false };
+  const size = 2 ** Math.ceil(Math.log2((end - first) / cells)), rows = [first];
+  for (let from = first, to; from < end; from = to) {
+    to = Math.min((Math.floor(from / size) + 1) * size, end);
+    const [low, high] = extremeRows(y, from, to);
+    if (low < 0) rows.push(from); else rows.push(Math.min(low, high), Math.max(low, high));
+  }
+  rows.push(end - 1);
+  return { x: rows.map(row => x[row]), y: rows.map(row => y[row]), whole: false };
 }
 
-function span(column, first = 0, end = column.length) {
-  const [low, high] = extremesIn(column, first, end);
+// Smallest and largest value, of a whole column kept.
+function ends(column) {
+  const [low, high] = extremeRows(column, 0, column.length);
   return low < 0 ? [0, 1] : [column[low], column[high]];
+}
+const spans = new WeakMap();
+function span(column) {
+  if (!spans.has(column)) spans.set(column, ends(column));
+  return spans.get(column);
 }
 
 // A column less another one that is interpolated at the same places; missing beyond the other's ends.
@@ -223,8 +182,8 @@ function tickTexts(ticks, increment, suffix = "") {
 }
 
 // A plot. `show` takes what is wanted:
-//   width, height, margin; x, y: ends of the axes; lines: [{ ink, width, dash, path }], where path(at) answers paths for
-//   stroke and fill; xAxis, yAxis: { space, suffix, label, grid } or null; under(g, at), over(g, at): what is painted
+//   width, height, margin; x, y: ends of the axes; lines: [{ x, y, ink, fill, width, dash, dots, path }], where path is one
+//   of uPlot's; xAxis, yAxis: { space, suffix, label, grid } or null; under(g, at), over(g, at): what is painted
 //   below the grid and above the lines; title, legend: of a saved picture.
 // `at` tells places on the canvas: left, top, across, down, ratio, toX, toY.
 class Chart {
@@ -234,16 +193,18 @@ class Chart {
     this.wanted = wanted;
     const { margin, width, height, lines, x, y } = wanted, axes = [wanted.xAxis, wanted.yAxis];
     const kind = JSON.stringify([margin, lines.map(line => [line.width, line.dash]), axes.map(axis => axis && axis.label)]);
+    const data = lines.length ? [null, ...lines.map(line => [line.x, line.y])] : [[0, 1]];  // uPlot's mode 2 needs a line
     if (kind !== this.kind) {
       this.kind = kind;
       this.u?.destroy();
-      this.u = new uPlot(this.options(), [[0, 1], ...lines.map(() => [0, 0])], this.host);
+      this.u = new uPlot(this.options(), data, this.host);
     }
     this.u.batch(u => {
+      u.setData(data, false);
       if (u.width !== width || u.height !== height) u.setSize({ width, height });
+      u.redraw(true, true);  // first, as it asks for the scale as it was
       u.setScale("x", { min: x[0], max: x[1] });
       u.setScale("y", { min: y[0], max: y[1] });
-      u.redraw(true, true);
     });
   }
 
@@ -262,10 +223,11 @@ class Chart {
       };
     };
     const line = (_, k) => {
-      const now = () => this.wanted.lines[k];
+      const now = () => this.wanted.lines[k], ink = () => now().ink;
       return {
-        stroke: () => now().ink, fill: () => now().ink, width: lines[k].width, dash: lines[k].dash, points: { show: false },
-        pxAlign: 0, paths: u => now().path(placesOf(u)),
+        stroke: ink, fill: () => now().fill, fillTo: 0, width: lines[k].width, dash: lines[k].dash, pxAlign: 0,
+        points: { show: () => now().dots, size: 4, width: 0, fill: ink }, paths: (...places) => now().path(...places),
+        facets: [{ scale: "x" }, { scale: "y" }],
       };
     };
     const painted = name => u => {
@@ -277,12 +239,12 @@ class Chart {
       g.restore();
     };
     return {
-      width, height, padding: [margin.t, margin.r, this.wanted.xAxis ? 0 : margin.b, this.wanted.yAxis ? 0 : margin.l],
+      mode: lines.length ? 2 : 1, width, height, padding: [margin.t, margin.r, this.wanted.xAxis ? 0 : margin.b, this.wanted.yAxis ? 0 : margin.l],
       legend: { show: false }, cursor: { show: false }, pxAlign: 1,
       scales: { x: { time: false, auto: false, range: (u, low, high) => this.wanted.x },
         y: { auto: false, range: () => this.wanted.y } },
       axes: [axis("xAxis", 2, margin.b), axis("yAxis", 3, margin.l)],
-      series: [{}, ...lines.map(line)],
+      series: [lines.length ? null : {}, ...lines.map(line)],
       hooks: { drawClear: [painted("head"), painted("under")], drawAxes: [painted("zero")], draw: [painted("over")] },
     };
   }
@@ -332,7 +294,7 @@ function strokeNow(g, { ratio }, ink, width, dash = []) {
   g.stroke();
   g.setLineDash([]);
 }
-const DISC = 2 * Math.PI;
+
 function paintSymbol(g, at, symbol, x, y, size, ink) {
   const r = size / 2 * at.ratio, px = at.toX(x), py = at.toY(y);
   const corners = { "triangle-up": [[0, -1.2], [1.05, 0.8], [-1.05, 0.8]], square: [[-0.9, -0.9], [0.9, -0.9], [0.9, 0.9], [-0.9, 0.9]] }[symbol];
@@ -346,7 +308,7 @@ function paintSymbol(g, at, symbol, x, y, size, ink) {
     for (const turn of [1, -1]) { g.moveTo(px - r, py - turn * r); g.lineTo(px + r, py + turn * r); }
     strokeNow(g, at, ink, 2);
   } else {
-    g.arc(px, py, r, 0, DISC);
+    g.arc(px, py, r, 0, 2 * Math.PI);
     strokeNow(g, at, ink, 1.5);
   }
 }

@@ -30,142 +30,110 @@ function followDrawing(canvas, columns, ghosts, { title, lapTime, edges, line, s
     const x = at(ride.x, k), y = at(ride.y, k), c = Math.cos(yaw), s = Math.sin(yaw);
     return { x: x - BACK * c, y: y - BACK * s, c, s, tilt: 0.22 * rollAt(k) };
   }
-  function project(cam, x, y, z) {
-    const dx = x - cam.x, dy = y - cam.y;
-    const ahead = cam.c * dx + cam.s * dy, left = -cam.s * dx + cam.c * dy;
-    if (ahead < NEAR) return null;
-    return [W / 2 - FOCAL * left / ahead, HORIZON + FOCAL * (UP - z) / ahead, ahead];
+  // Pixels of a point and its depth; what is nearer than NEAR lies far below the picture.
+  function project(cam, [x, y]) {
+    const dx = x - cam.x, dy = y - cam.y, depth = cam.c * dx + cam.s * dy, ahead = Math.max(depth, NEAR);
+    return [W / 2 - FOCAL * (cam.c * dy - cam.s * dx) / ahead, HORIZON + FOCAL * UP / ahead, depth];
   }
-  function toCamera(cam, x, y) {
-    const dx = x - cam.x, dy = y - cam.y;
-    return [cam.c * dx + cam.s * dy, -cam.s * dx + cam.c * dy];
-  }
-  // A strip between two polylines, cut at the near plane; all of one colour is one path, which is filled much sooner than many.
-  function strip(cam, ax, ay, bx, by, first, last, colour) {
-    const corners = new Map();
+  // A strip between two polylines; all of one colour is one path, which is filled much sooner than many.
+  function strip(cam, left, right, first, last, colour) {
+    const quads = new Map();
     if (open) { first = Math.max(first, 0); last = Math.min(last, E - 1); }
     for (let k = last - 1; k >= first; k--) {
-      const i = ((k % E) + E) % E, j = (i + 1) % E;
-      let quad = [[ax[i], ay[i]], [ax[j], ay[j]], [bx[j], by[j]], [bx[i], by[i]]].map(p => toCamera(cam, p[0], p[1]));
-      const cut = [];
-      for (let q = 0; q < 4; q++) {
-        const p = quad[q], n = quad[(q + 1) % 4];
-        if (p[0] >= NEAR) cut.push(p);
-        if ((p[0] >= NEAR) !== (n[0] >= NEAR)) {
-          const u = (NEAR - p[0]) / (n[0] - p[0]);
-          cut.push([NEAR, mix(p[1], n[1], u)]);
-        }
-      }
-      if (cut.length < 3) continue;
-      const ink = typeof colour === "function" ? colour(k) : colour;
-      if (!corners.has(ink)) corners.set(ink, []);
-      corners.get(ink).push(cut);
+      const i = wrapped(k), j = wrapped(k + 1), ink = colour(k);
+      const quad = [left[i], left[j], right[j], right[i]].map(point => project(cam, point));
+      if (quad.every(corner => corner[2] < NEAR)) continue;
+      if (!quads.has(ink)) quads.set(ink, []);
+      quads.get(ink).push(quad);
     }
-    for (const [ink, quads] of corners) {
-      g.fillStyle = ink;
-      g.beginPath();
-      for (const cut of quads) {
-        cut.forEach((p, q) => {
-          const X = W / 2 - FOCAL * p[1] / p[0], Y = HORIZON + FOCAL * UP / p[0];
-          q ? g.lineTo(X, Y) : g.moveTo(X, Y);
-        });
-        g.closePath();
-      }
-      g.fill();
-    }
+    for (const [ink, shapes] of quads) fill(ink, shapes);
   }
-  function beside(u) {           // a polyline between the limits: 0 left, 1 right
-    return [lx.map((v, i) => mix(v, rx[i], u)), ly.map((v, i) => mix(v, ry[i], u))];
+  function fill(ink, shapes) {
+    g.fillStyle = ink;
+    g.beginPath();
+    for (const shape of shapes) { shape.forEach(([x, y], k) => k ? g.lineTo(x, y) : g.moveTo(x, y)); g.closePath(); }
+    g.fill();
   }
-  const width = lx.map((v, i) => Math.hypot(v - rx[i], ly[i] - ry[i]));
-  const mean = width.reduce((a, b) => a + b, 0) / E;
-  const kerbL = beside(-0.9 / mean), kerbR = beside(1 + 0.9 / mean), grassL = beside(-14 / mean),
-    grassR = beside(1 + 14 / mean), whiteL = beside(0.16 / mean), whiteR = beside(1 - 0.16 / mean);
+  const wrapped = k => ((k % E) + E) % E;
+  const across = lx.map((x, i) => [rx[i] - x, ry[i] - ly[i]]), width = across.reduce((sum, d) => sum + Math.hypot(...d), 0) / E;
+  // A polyline so many metres to the right of the left limit; `from` 1 counts from the right one.
+  const beside = (metres, from = 0) => across.map(([dx, dy], i) => [lx[i] + (from + metres / width) * dx, ly[i] + (from + metres / width) * dy]);
   const bend = lx.map((_, i) => {
-    const p = (i - 3 + E) % E, n = (i + 3) % E;
-    const a = Math.atan2(ly[i] - ly[p], lx[i] - lx[p]), b = Math.atan2(ly[n] - ly[i], lx[n] - lx[i]);
-    return Math.abs(Math.atan2(Math.sin(b - a), Math.cos(b - a)));
+    const [p, n] = [wrapped(i - 3), wrapped(i + 3)], turn = Math.atan2(ly[n] - ly[i], lx[n] - lx[i]) - Math.atan2(ly[i] - ly[p], lx[i] - lx[p]);
+    return Math.abs(Math.atan2(Math.sin(turn), Math.cos(turn)));
   });
+  const kerb = q => kind === "superbike" && bend[wrapped(q)] > 0.04 ? (q % 2 ? "#d8412f" : "#f3f3f3") : "#6f8a4e";
+  const grass = q => q % 4 < 2 ? "#5f7f45" : "#66884b", white = () => "#e8e8e8";
+  const strips = [
+    [beside(-14), beside(0), grass], [beside(14, 1), beside(0, 1), grass], [beside(0), beside(0, 1), q => q % 6 < 3 ? "#4a4e55" : "#4d5158"],
+    [beside(-0.9), beside(0), kerb], [beside(0.9, 1), beside(0, 1), kerb], [beside(0), beside(0.16), white], [beside(0, 1), beside(-0.16, 1), white],
+  ];
 
   function road(cam, k) {
-    const s = Math.floor(at(ride.distance, Math.floor(k)) / step);
-    const first = s - 4, last = s + Math.floor(FAR / step);
-    const kerb = q => kind === "superbike" && bend[((q % E) + E) % E] > 0.04 ? (q % 2 ? "#d8412f" : "#f3f3f3") : "#6f8a4e";
-    strip(cam, grassL[0], grassL[1], lx, ly, first, last, q => q % 4 < 2 ? "#5f7f45" : "#66884b");
-    strip(cam, grassR[0], grassR[1], rx, ry, first, last, q => q % 4 < 2 ? "#5f7f45" : "#66884b");
-    strip(cam, lx, ly, rx, ry, first, last, q => q % 6 < 3 ? "#4a4e55" : "#4d5158");
-    strip(cam, kerbL[0], kerbL[1], lx, ly, first, last, kerb);
-    strip(cam, kerbR[0], kerbR[1], rx, ry, first, last, kerb);
-    strip(cam, lx, ly, whiteL[0], whiteL[1], first, last, "#e8e8e8");
-    strip(cam, rx, ry, whiteR[0], whiteR[1], first, last, "#e8e8e8");
+    const s = Math.floor(at(ride.distance, Math.floor(k)) / step), last = s + Math.floor(FAR / step);
+    for (const [left, right, colour] of strips) strip(cam, left, right, s - 4, last, colour);
     if (!line.length) return;
-    g.strokeStyle = "rgba(120,200,255,.55)"; g.lineWidth = 2; g.beginPath();
-    let pen = false;
-    for (let q = s + 1; q < (open ? Math.min(last, E) : last); q++) {
-      const i = ((q % E) + E) % E, p = project(cam, line[0][i], line[1][i], 0);
-      if (!p) { pen = false; continue; }
-      pen ? g.lineTo(p[0], p[1]) : g.moveTo(p[0], p[1]); pen = true;
+    Object.assign(g, { strokeStyle: "rgba(120,200,255,.55)", lineWidth: 2 });
+    g.beginPath();
+    for (let q = s + 1, pen = false; q < (open ? Math.min(last, E) : last); q++) {
+      const [x, y, depth] = project(cam, [line[0][wrapped(q)], line[1][wrapped(q)]]);
+      if (depth < NEAR) { pen = false; continue; }
+      if (pen) g.lineTo(x, y); else g.moveTo(x, y);
+      pen = true;
     }
     g.stroke();
   }
 
   // Machine and rider from behind, in metres: u to the right, v up, about the contact point.
   function machine(cam, rider, k, alpha = 1) {
-    const p = project(cam, at(rider.x, k), at(rider.y, k), 0);
-    if (!p || p[2] > FAR) return;
-    const m = FOCAL / p[2], roll = at(rider.roll, k) * Math.PI / 180, hang = Math.max(-1, Math.min(1, roll / 0.87));
+    const [x, y, depth] = project(cam, [at(rider.x, k), at(rider.y, k)]);
+    if (depth < NEAR || depth > FAR) return;
+    const m = FOCAL / depth, roll = at(rider.roll, k) * Math.PI / 180, steer = (rider.steer ? at(rider.steer, k) : 0) * Math.PI / 180;
     g.save();
     g.globalAlpha = alpha;
-    g.translate(p[0], p[1]);
-    g.fillStyle = "rgba(0,0,0,.35)";
-    g.beginPath(); g.ellipse(0.3 * m * Math.sin(roll), 0, (0.3 + 0.5 * Math.abs(Math.sin(roll))) * m, 0.07 * m, 0, 0, 7);
-    g.fill();
+    g.translate(x, y);
+    g.scale(m, m);
+    const shape = (colour, points) => fill(colour, [points.map(([u, v]) => [u, -v])]);
+    const disc = (colour, u, v, a, b) => { g.fillStyle = colour; g.beginPath(); g.ellipse(u, -v, a, b, 0, 0, 7); g.fill(); };
+    const limb = (colour, width, ...points) => {
+      Object.assign(g, { strokeStyle: colour, lineWidth: width, lineCap: width > 0.05 ? "round" : "butt" });
+      g.beginPath();
+      for (const [u, v] of points) g.lineTo(u, -v);
+      g.stroke();
+    };
+    disc("rgba(0,0,0,.35)", 0.3 * Math.sin(roll), 0, 0.3 + 0.5 * Math.abs(Math.sin(roll)), 0.07);
     g.rotate(roll);
-    const shape = (colour, points) => {
-      g.fillStyle = colour; g.beginPath();
-      points.forEach(([u, v], i) => i ? g.lineTo(u * m, -v * m) : g.moveTo(u * m, -v * m));
-      g.closePath(); g.fill();
-    };
-    const disc = (colour, u, v, a, b) => {
-      g.fillStyle = colour; g.beginPath(); g.ellipse(u * m, -v * m, a * m, b * m, 0, 0, 7); g.fill();
-    };
-    if (kind === "bicycle") { bicycle(m, shape, disc, (rider.steer ? at(rider.steer, k) : 0) * Math.PI / 180); g.restore(); return; }
+    if (kind === "bicycle") bicycle(shape, disc, limb, steer); else superbike(shape, disc, limb, Math.max(-1, Math.min(1, roll / 0.87)));
+    g.restore();
+  }
+  function superbike(shape, disc, limb, hang) {
+    const q = 0.2 * hang;
     disc("#15171a", 0, 0.32, 0.10, 0.32);                                              // rear tyre
     disc("#2b2e33", 0, 0.32, 0.05, 0.22);
     shape("#8f1a12", [[-0.15, 0.42], [0.15, 0.42], [0.25, 0.75], [0.21, 0.98], [-0.21, 0.98], [-0.25, 0.75]]); // fairing
     shape("#c8261a", [[-0.11, 0.55], [0.11, 0.55], [0.14, 0.92], [-0.14, 0.92]]);      // tail
     shape("#ffce45", [[-0.06, 0.78], [0.06, 0.78], [0.05, 0.84], [-0.05, 0.84]]);      // number
-    g.strokeStyle = "#22252a"; g.lineWidth = 0.05 * m; g.beginPath();
-    g.moveTo(-0.33 * m, -0.93 * m); g.lineTo(0.33 * m, -0.93 * m); g.stroke();         // bars
-    const q = 0.2 * hang, knee = 0.30;
+    limb("#22252a", 0.05, [-0.33, 0.93], [0.33, 0.93]);                                // bars
     shape("#1f4f8f", [[-0.17 + q, 0.80], [0.17 + q, 0.80], [0.25 + 1.3 * q, 1.22], [0.12 + 1.6 * q, 1.36],
       [-0.12 + 1.6 * q, 1.36], [-0.25 + 1.3 * q, 1.22]]);                              // back
-    shape("#173a69", [[-0.12 + q, 0.84], [-0.24 + q - Math.max(0, -hang) * knee, 0.60 - 0.1 * Math.max(0, -hang)],
-      [-0.17, 0.42], [-0.10, 0.66]]);                                                  // left leg
-    shape("#173a69", [[0.12 + q, 0.84], [0.24 + q + Math.max(0, hang) * knee, 0.60 - 0.1 * Math.max(0, hang)],
-      [0.17, 0.42], [0.10, 0.66]]);                                                    // right leg
-    g.strokeStyle = "#1f4f8f"; g.lineWidth = 0.09 * m; g.lineCap = "round";
     for (const side of [-1, 1]) {
-      g.beginPath(); g.moveTo((0.22 * side + 1.3 * q) * m, -1.18 * m);
-      g.lineTo((0.37 * side + 0.5 * q) * m, -1.04 * m); g.lineTo(0.31 * side * m, -0.94 * m); g.stroke();
+      const out = Math.max(0, side * hang);
+      shape("#173a69", [[0.12 * side + q, 0.84], [(0.24 + 0.3 * out) * side + q, 0.60 - 0.1 * out], [0.17 * side, 0.42],
+        [0.10 * side, 0.66]]);                              // legs
     }
+    for (const side of [-1, 1]) limb("#1f4f8f", 0.09, [0.22 * side + 1.3 * q, 1.18], [0.37 * side + 0.5 * q, 1.04], [0.31 * side, 0.94]);
     disc("#e9ebee", 1.9 * q, 1.45, 0.135, 0.15);                                       // helmet
     disc("#c8261a", 1.9 * q, 1.49, 0.05, 0.11);
-    g.restore();
   }
-
   // A bicycle and its rider, who sits still.
-  function bicycle(m, shape, disc, steer) {
+  function bicycle(shape, disc, limb, steer) {
     disc("#15171a", 0, 0.3, 0.025, 0.3);                                               // rear tyre
-    g.strokeStyle = "#22252a"; g.lineWidth = 0.035 * m; g.beginPath();
-    g.moveTo(-0.28 * m * Math.cos(steer), -0.98 * m); g.lineTo(0.28 * m * Math.cos(steer), -0.98 * m); g.stroke();  // bars
+    limb("#22252a", 0.035, [-0.28 * Math.cos(steer), 0.98], [0.28 * Math.cos(steer), 0.98]);  // bars
     shape("#0b66ad", [[-0.02, 0.3], [0.02, 0.3], [0.02, 0.85], [-0.02, 0.85]]);        // frame
     shape("#22252a", [[-0.1, 0.85], [0.1, 0.85], [0.06, 0.91], [-0.06, 0.91]]);        // saddle
-    g.strokeStyle = "#39424d"; g.lineWidth = 0.11 * m; g.lineCap = "round";
-    for (const side of [-1, 1]) { g.beginPath(); g.moveTo(0.08 * side * m, -0.9 * m); g.lineTo(0.13 * side * m, -0.3 * m); g.stroke(); }
+    for (const side of [-1, 1]) limb("#39424d", 0.11, [0.08 * side, 0.9], [0.13 * side, 0.3]);
     shape("#1f8f6b", [[-0.14, 0.88], [0.14, 0.88], [0.21, 1.38], [-0.21, 1.38]]);      // back
-    g.strokeStyle = "#1f8f6b"; g.lineWidth = 0.08 * m;
-    for (const side of [-1, 1]) { g.beginPath(); g.moveTo(0.2 * side * m, -1.32 * m); g.lineTo(0.27 * side * m, -1.0 * m); g.stroke(); }
+    for (const side of [-1, 1]) limb("#1f8f6b", 0.08, [0.2 * side, 1.32], [0.27 * side, 1.0]);
     disc("#e9ebee", 0, 1.55, 0.11, 0.13);                                              // helmet
     disc("#0b66ad", 0, 1.6, 0.06, 0.07);
   }

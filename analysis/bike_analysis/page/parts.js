@@ -23,8 +23,8 @@ function linesOf(view, panel, width) {
 
 function heightRange(lines, panel) {
   let [low, high] = panel.ends ?? (panel.zero ? [0, 0] : [Infinity, -Infinity]);
-  for (const { column, first, end } of lines) {
-    const [below, above] = span(column, first, end);
+  for (const { y } of lines) {
+    const [below, above] = ends(y);
     low = Math.min(low, below); high = Math.max(high, above);
   }
   if (!(low <= high)) [low, high] = [0, 1];
@@ -34,88 +34,17 @@ function heightRange(lines, panel) {
   return [low - (low < 0 || !panel.zero ? 0.07 : 0.02) * room, high + 0.09 * room];
 }
 
-// ---- paths ----------------------------------------------------------------------------------------------------------
-
-// Many rows become one upright bar for each column of pixels, from the lowest to the highest place that the line reaches
-// in it: no peak is lost, and bars are filled faster than long lines are stroked. Few rows are a line as it is.
-const FEW_POINTS = 160;
 const DOTS_BELOW = 120;
+const linear = uPlot.paths.linear(), stepped = uPlot.paths.stepped({ align: -1 });
 
-// Lines for uPlot, the area below a line before it: [{ ink, width, dash, path }].
-function drawnLines(found) {
-  const { line, series } = found, dash = series.theory || line.dash ? [4, 3] : undefined, drawn = [];
-  if (line.fill) drawn.push({ ink: inkOf(found.colour, line.fill === "band" ? 0.75 : 0.2), width: 0, path: at => ({ fill: areaPath(found, at) }) });
-  if (line.fill !== "band") drawn.push({ ink: colour(found.colour), width: series.theory ? 1.3 : 1.6, dash, path: at => linePath(found, at, dash) });
-  return drawn.map(one => ({ ...one, path: at => ({ stroke: null, fill: null, clip: null, band: null, gaps: null, flags: 0, ...one.path(at) }) }));
-}
-
-function linePath(found, at, dash) {
-  const path = new Path2D(), { x, y, line } = found;
-  if (x.length > FEW_POINTS) {
-    const { low, high } = columnsOf(found, at), thick = (found.series.theory ? 1.3 : 1.6) * at.ratio, half = thick / 2;
-    for (let c = 0; c < low.length; c++) {
-      if (low[c] > high[c] || (dash && c % (7 * at.ratio) >= 4 * at.ratio)) continue;
-      path.rect(at.left + c + 0.5 - half, low[c] - half, thick, high[c] - low[c] + thick);
-    }
-    return { fill: path };
-  }
-  let before = NaN;
-  for (let k = 0; k < x.length; k++) {
-    if (y[k] !== y[k]) { before = NaN; continue; }
-    const px = at.toX(x[k]), py = at.toY(y[k]);
-    if (before !== before) path.moveTo(px, py);
-    else { if (line.step) path.lineTo(before, py); path.lineTo(px, py); }
-    before = px;
-  }
-  if (!found.whole || line.fill || found.end - found.first >= DOTS_BELOW) return { stroke: path };
-  const dots = new Path2D();
-  for (let k = 0; k < x.length; k++) if (y[k] === y[k]) { dots.moveTo(at.toX(x[k]) + 2 * at.ratio, at.toY(y[k])); dots.arc(at.toX(x[k]), at.toY(y[k]), 2 * at.ratio, 0, DISC); }
-  return { stroke: path, fill: dots };
-}
-
-function areaPath(found, at) {
-  const path = new Path2D(), zero = at.toY(0), { x, y, line } = found;
-  if (x.length > FEW_POINTS) {
-    const { low, high } = columnsOf(found, at);
-    for (let c = 0; c < low.length; c++) {
-      const top = Math.min(low[c], zero);
-      if (low[c] <= high[c]) path.rect(at.left + c, top, 1, Math.max(high[c], zero) - top);
-    }
-    return path;
-  }
-  for (let k = 1; k < x.length; k++) {
-    if (y[k] !== y[k] || y[k - 1] !== y[k - 1]) continue;
-    const a = at.toX(x[k - 1]), b = at.toX(x[k]), from = at.toY(line.step ? y[k] : y[k - 1]);
-    path.moveTo(a, zero); path.lineTo(a, from); path.lineTo(b, at.toY(y[k])); path.lineTo(b, zero); path.closePath();
-  }
-  return path;
-}
-
-// Lowest and highest place, by column of pixels, that a line reaches; where there is none, low > high.
-function columnsOf({ x, y, line }, { left, across, toX, toY }) {
-  const count = Math.ceil(across);
-  const low = new Float32Array(count).fill(Infinity), high = new Float32Array(count).fill(-Infinity);
-  const reach = (c, a, b) => {
-    const top = Math.min(a, b), foot = Math.max(a, b);
-    if (top < low[c]) low[c] = top;
-    if (foot > high[c]) high[c] = foot;
+// A line for uPlot, with the area below it; a band has no line.
+function drawnLine({ line, series, colour: ink, whole, x, y }) {
+  const dash = series.theory || line.dash ? [4, 3] : undefined, stroked = line.fill !== "band";
+  return {
+    x, y: Array.from(y, value => value === value ? value : null), path: line.step ? stepped : linear, dash,
+    ink: stroked ? colour(ink) : null, fill: line.fill ? inkOf(ink, stroked ? 0.2 : 0.75) : null,
+    width: stroked ? series.theory ? 1.3 : 1.6 : 0, dots: whole && !line.fill && y.length < DOTS_BELOW,
   };
-  const along = (x0, y0, x1, y1) => {
-    const last = Math.min(Math.floor(x1), count - 1), slope = (y1 - y0) / (x1 - x0);
-    for (let c = Math.max(Math.floor(x0), 0); c <= last; c++) {
-      reach(c, c > x0 ? y0 + slope * (c - x0) : y0, c + 1 < x1 ? y0 + slope * (c + 1 - x0) : y1);
-    }
-  };
-  let x0 = NaN, y0 = NaN;
-  for (let k = 0; k < x.length; k++) {
-    const x1 = toX(x[k]) - left, y1 = toY(y[k]), upright = line.step ? y1 : y0;
-    if (y0 === y0 && y1 === y1) {
-      if (upright !== y0) along(x0, y0, x0, upright);
-      along(x0, upright, x1, y1);
-    }
-    x0 = x1; y0 = y1;
-  }
-  return { low, high };
 }
 
 // ---- what stands below the lines ------------------------------------------------------------------------------------
@@ -273,7 +202,7 @@ class PanelPart extends PlotPart {
     const { unit } = view.channels[spec.lines[0].column], label = unit ? `${spec.title} in ${unit}` : spec.title;
     return {
       found, width, height, margin, x: view.range, y: heightRange(found, spec), title: spec.title,
-      lines: front.sort((a, b) => Number(a.series === view.raised) - Number(b.series === view.raised)).flatMap(drawnLines),
+      lines: front.sort((a, b) => Number(a.series === view.raised) - Number(b.series === view.raised)).map(drawnLine),
       legend: found.map(({ name, colour: ink, series, line }) => ({ name, ink: colour(ink), dash: series.theory || line.dash ? [4, 3] : [] })),
       xAxis: { space: 80, grid: !view.sections.length, ...(asFile ? { label: `${axis.label} in ${axis.unit}` } : { suffix: `\u202f${axis.unit}` }) },
       yAxis: { space: 26, ...(asFile ? { label } : {}) },
@@ -341,7 +270,7 @@ class HistogramPart extends PlotPart {
     const top = Math.max(1, ...found.flatMap(one => one.y));
     return {
       found, width, height, margin: marginsOf(asFile, true), x: [edges[0], edges[edges.length - 1]], y: [0, 1.08 * top], title: spec.title,
-      lines: found.toReversed().flatMap(drawnLines), legend: found.map(one => ({ name: one.name, ink: colour(one.colour) })),
+      lines: found.toReversed().map(drawnLine), legend: found.map(one => ({ name: one.name, ink: colour(one.colour) })),
       xAxis: { space: 60, label: spec.label, grid: false }, yAxis: { space: 34, suffix: "\u202f%" },
     };
   }
@@ -382,7 +311,7 @@ function paintColoured(g, at, { x, y }, values, rows, [low, high], worst) {
   for (let k = 0; k + 1 < rows.length; k++) {
     const i = rows[k], j = rows[k + 1];
     if (i < 0 || j < 0) continue;
-    const value = worst && i < j ? values[Math.max(extremesIn(values, i, j + 1)[1], 0)] : values[j];
+    const value = worst && i < j ? values[Math.max(extremeRows(values, i, j + 1)[1], 0)] : values[j];
     const share = (value - low) / (high - low || 1);
     levels[Math.min(LEVELS - 1, Math.max(0, Math.floor((share === share ? share : 0) * LEVELS)))].push(i, j, -1);
   }

@@ -119,11 +119,11 @@ def _draw_error(axes: Axes, ride: Ride) -> None:
     axes.plot(x, y, color=BLUE, lw=1.1)
     length = float(distance[-1] - distance[0])
     for section in course_sections(ride, growing(distance)) if along else ():
-        begin, end = distance[section.first], distance[section.last]
+        begin, end = distance[section["first"]], distance[section["last"]]
         axes.axvline(begin, color=MUTED, lw=0.6, ls=(0, (1, 2)))
         if end - begin > _NUMBER_ROOM * length:
             above: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "bottom"}
-            axes.text(0.5 * (begin + end), 1.0, section.label, color=MUTED, fontsize=8, **above)
+            axes.text(0.5 * (begin + end), 1.0, section["label"], color=MUTED, fontsize=8, **above)
     if np.isfinite(error).any():
         row = int(np.nanargmax(np.abs(error)))
         axes.plot(distance[row], error[row], "o", color=ORANGE, ms=4.5)

@@ -27,16 +27,10 @@ from bike_analysis.figures.numbers import (
 from bike_analysis.page.view import (
     CHANNELS,
     FAST_CHANNELS,
-    Band,
-    Cloud,
-    Histogram,
-    Limit,
+    Drawn,
     MapLine,
-    Mark,
-    Moment,
     Panel,
     PanelLine,
-    Section,
     Series,
     View,
     factor,
@@ -212,7 +206,7 @@ def ride_view(ride: Ride, key: str, title: str) -> View:
         gg_cloud([columns]) if fast else None,
         follow_spec(ride, title, fast),
         aid_bands(ride, rows),
-        moments=tuple(Moment(0, row, name) for name, rows in faults.items() for row in rows),
+        moments=tuple({"series": 0, "row": row, "label": name} for name, rows in faults.items() for row in rows),
     )
 
 
@@ -264,7 +258,7 @@ def comparison_view(comparison: Comparison, key: str, circuit: Circuit | None = 
         bands,
         histograms(series[: len(order)]) if fast else (),
         tuple(
-            Moment(n, row - runs[i].rows.start, name)
+            {"series": n, "row": row - runs[i].rows.start, "label": name}
             for n, i in enumerate(order)
             for name, rows in ride_faults(runs[i].ride).items()
             for row in rows
@@ -385,7 +379,7 @@ def theory_columns(comparison: Comparison, circuit: Circuit) -> dict[str, Floats
     }
 
 
-def aid_bands(ride: Ride, rows: slice) -> tuple[Band, ...]:
+def aid_bands(ride: Ride, rows: slice) -> tuple[Drawn, ...]:
     """When each rider aid acted, as ranges of the part's rows; aids that never did are left out."""
     telemetry = telemetry_columns(ride, rows)
     bands = []
@@ -394,11 +388,11 @@ def aid_bands(ride: Ride, rows: slice) -> tuple[Band, ...]:
         edges = np.flatnonzero(np.diff(acting, prepend=False, append=False))
         if len(edges):
             ranges = tuple(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
-            bands.append(Band(key, name, f"aid{number}", ranges))
+            bands.append({"key": key, "name": name, "colour": f"aid{number}", "rows": ranges})
     return tuple(bands)
 
 
-def histograms(series: Sequence[Series]) -> tuple[Histogram, ...]:
+def histograms(series: Sequence[Series]) -> tuple[Drawn, ...]:
     """Distribution of each lap's time over lean, the used share of its tyres' grip, and the dampers' speed."""
     found = []
     for key, title, label, edges in _HISTOGRAMS:
@@ -406,34 +400,35 @@ def histograms(series: Sequence[Series]) -> tuple[Histogram, ...]:
         if known:
             sizes = {name: c[key] if edges[0] < 0 else np.abs(c[key]) for name, c in known.items()}
             shares = {name: time_shares(sizes[name], c["time"], edges) for name, c in known.items()}
-            found.append(Histogram(f"{key}-histogram", title, label, tuple(map(float, edges)), shares))
+            histogram = {"key": f"{key}-histogram", "title": title, "label": label, "caption": ""}
+            found.append(histogram | {"edges": tuple(map(float, edges)), "shares": shares})
     return tuple(found)
 
 
-def gg_cloud(columns: Sequence[Mapping[str, Floats]], machine: Machine | None = None) -> Cloud | None:
+def gg_cloud(columns: Sequence[Mapping[str, Floats]], machine: Machine | None = None) -> Drawn | None:
     """The g-g diagram of these columns, with the machine's limits where they are known; None without any."""
     if not columns or any("lateral" not in c for c in columns):
         return None
     x, y = (np.concatenate([c[name] for c in columns]) for name in ("lateral", "along"))
     box = (float(np.nanmin(x)), float(np.nanmax(x)), float(np.nanmin(y)), float(np.nanmax(y)))
     limited = " The dashed curve is what the machine can do at this speed on level ground, by tyres, engine and brakes."
-    return Cloud(
-        *("Accelerations (g-g diagram)", "lateral", "along", "lateral in g, right positive", "longitudinal in g"),
-        box=box,
-        caption="From the recorded states: speed times yaw rate, and change of speed. The dot is the cursor."
+    return {
+        "title": "Accelerations (g-g diagram)",
+        **{"x": "lateral", "y": "along", "x_label": "lateral in g, right positive", "y_label": "longitudinal in g"},
+        "box": box,
+        "caption": "From the recorded states: speed times yaw rate, and change of speed. The dot is the cursor."
         + (limited if machine is not None else ""),
-        limit=None if machine is None else _gg_limit(machine),
-    )
+        "limit": None if machine is None else _gg_limit(machine),
+    }
 
 
-def _gg_limit(machine: Machine) -> Limit:
+def _gg_limit(machine: Machine) -> Drawn:
     """Curves of the g-g diagram, every 10 km/h, in g."""
     speeds = 3.6 * machine.speeds
     wanted = np.arange(CURVE_SPEED_STEP, speeds[-1], CURVE_SPEED_STEP)
     rows = np.unique(np.abs(speeds[:, None] - wanted).argmin(axis=0))
     curves = np.round(np.stack([machine.lateral[rows], machine.along[rows]], axis=1) / GRAVITY, 3)
-    shown = tuple((tuple(x), tuple(y)) for x, y in curves.tolist())
-    return Limit(tuple(round(float(speed), 1) for speed in speeds[rows]), "km/h", shown)
+    return {"speeds": [round(float(speed), 1) for speed in speeds[rows]], "unit": "km/h", "curves": curves.tolist()}
 
 
 # ---- map and road --------------------------------------------------------------------------------------------------
@@ -475,7 +470,7 @@ def edge(x: Floats, y: Floats, heading: Floats, side: float, width: Floats | Non
     return x - away * np.sin(heading), y + away * np.cos(heading)
 
 
-def follow_spec(ride: Ride, title: str, powered: bool, lap_time: str = "") -> dict[str, Any] | None:
+def follow_spec(ride: Ride, title: str, powered: bool, lap_time: str = "") -> Drawn | None:
     """Return the data of a view from behind; None where course or motion is not known."""
     course, states = ride.course, ride.states
     if course is None or len(course.x) < 3 or not course.s[1] > 0.0:
@@ -536,7 +531,7 @@ def ride_faults(ride: Ride) -> dict[str, list[int]]:
     return found
 
 
-def ride_marks(ride: Ride, faults: Mapping[str, list[int]]) -> tuple[Mark, ...]:
+def ride_marks(ride: Ride, faults: Mapping[str, list[int]]) -> tuple[Drawn, ...]:
     """Marks of beginning and end, of faults, and of places where both wheels were beyond the limits."""
     marks = [marked("start", "triangle-up", "ink", ride, [0])]
     marks += [marked(name, "x-thin", "orange", ride, rows) for name, rows in faults.items()]
@@ -546,7 +541,7 @@ def ride_marks(ride: Ride, faults: Mapping[str, list[int]]) -> tuple[Mark, ...]:
     return tuple(marks if off is None else [*marks, off])
 
 
-def off_track(ride: Ride, outside: Floats) -> Mark | None:
+def off_track(ride: Ride, outside: Floats) -> Drawn | None:
     """Mark the positions beyond the limits, where `outside` (m, one value per state) is positive; None without any."""
     rows = np.flatnonzero(outside > 0.0)
     if not len(rows):
@@ -554,14 +549,14 @@ def off_track(ride: Ride, outside: Floats) -> Mark | None:
     return marked("off the track", "circle-open", "orange", ride, rows[:: -(-len(rows) // OFF_TRACK_POINTS)].tolist())
 
 
-def marked(name: str, symbol: str, colour: str, ride: Ride, rows: list[int]) -> Mark:
+def marked(name: str, symbol: str, colour: str, ride: Ride, rows: list[int]) -> Drawn:
     """Mark the known positions of some states."""
     x, y = ride.states.x[rows], ride.states.y[rows]
     known = np.isfinite(x) & np.isfinite(y)
-    return Mark(name, symbol, colour, x[known].tolist(), y[known].tolist())
+    return {"name": name, "symbol": symbol, "colour": colour, "x": x[known].tolist(), "y": y[known].tolist()}
 
 
-def section_labels(course: RecordedCourse | None) -> tuple[dict[str, Any], ...]:
+def section_labels(course: RecordedCourse | None) -> tuple[Drawn, ...]:
     """Number of each section, to the left of its middle."""
     labels = []
     for number, place, left in section_middles(course):
@@ -584,7 +579,7 @@ def section_middles(course: RecordedCourse | None) -> Iterator[tuple[int, Floats
         yield number, np.array([course.x[at], course.y[at]]), left
 
 
-def course_sections(ride: Ride, distance: Floats, lap_begin: float = 0.0) -> tuple[Section, ...]:
+def course_sections(ride: Ride, distance: Floats, lap_begin: float = 0.0) -> tuple[Drawn, ...]:
     """Sections of the course as rows of the ride; a closed course repeats them every lap.
 
     Args:
@@ -606,11 +601,12 @@ def course_sections(ride: Ride, distance: Floats, lap_begin: float = 0.0) -> tup
         for number, (begin, end) in enumerate(pairwise(np.searchsorted(distance, bounds)), start=1):
             stop = int(min(end, len(distance) - 1))
             if begin < stop:
-                found.append(Section(str(number), course.section_names[number - 1], int(begin), stop))
+                name, ends = course.section_names[number - 1], {"first": int(begin), "last": stop}
+                found.append({"label": str(number), "name": name, **ends, "shaded": False})
     return tuple(found)
 
 
-def corner_labels(course: RecordedCourse | None, corners: Sequence[Corner]) -> tuple[dict[str, Any], ...]:
+def corner_labels(course: RecordedCourse | None, corners: Sequence[Corner]) -> tuple[Drawn, ...]:
     """Number of each corner beside the track: outside of the corner, or where it is farthest from any part of it."""
     if course is None or not corners:
         return ()
@@ -628,12 +624,13 @@ def corner_labels(course: RecordedCourse | None, corners: Sequence[Corner]) -> t
     return tuple(labels)
 
 
-def corner_sections(corners: Sequence[Corner], distance: Floats) -> tuple[Section, ...]:
+def corner_sections(corners: Sequence[Corner], distance: Floats) -> tuple[Drawn, ...]:
     """Corners as rows of the first series."""
     found = []
     for corner in corners:
         first, last = np.searchsorted(distance, [corner.begin, corner.end])
         last = min(int(last), len(distance) - 1)
         if first < last:
-            found.append(Section(corner.name, f"corner {corner.name}", int(first), last, shaded=True))
+            ends = {"first": int(first), "last": last}
+            found.append({"label": corner.name, "name": f"corner {corner.name}", **ends, "shaded": True})
     return tuple(found)

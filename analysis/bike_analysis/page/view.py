@@ -191,89 +191,8 @@ class MapLine:
     y: Floats
 
 
-@dataclass(frozen=True)
-class Mark:
-    """Known places on the map: ``triangle-up``, ``square``, ``x-thin`` or ``circle-open`` in `symbol`."""
-
-    name: str
-    symbol: str
-    colour: str
-    x: list[float]
-    y: list[float]
-
-
-@dataclass(frozen=True)
-class Moment:
-    """Something that happened at a row of a series, as a fall; marked in the traces."""
-
-    series: int
-    row: int
-    label: str
-
-
-@dataclass(frozen=True)
-class Section:
-    """A range of the first series, rows `first` to `last` (exclusive); `shaded` for one that stands alone."""
-
-    label: str
-    name: str
-    first: int
-    last: int
-    shaded: bool = False
-
-
-@dataclass(frozen=True)
-class Band:
-    """When something acted during the first series: `rows` are ranges, each with its first and its last row."""
-
-    key: str
-    name: str
-    colour: str
-    rows: tuple[tuple[int, int], ...]
-
-
-@dataclass(frozen=True)
-class Histogram:
-    """Distribution of a quantity over time.
-
-    Attributes:
-        key: Name within its view.
-        title: Above it.
-        label: Of the horizontal axis, with its unit.
-        edges: Of the bins; one more than shares.
-        shares: Share of the time in each bin, %, by name of the series.
-        caption: Below it.
-    """
-
-    key: str
-    title: str
-    label: str
-    edges: tuple[float, ...]
-    shares: dict[str, tuple[float, ...]]
-    caption: str = ""
-
-
-@dataclass(frozen=True)
-class Limit:
-    """The largest accelerations of a machine: for each of `speeds`, in `unit`, a closed curve of x and y."""
-
-    speeds: tuple[float, ...]
-    unit: str
-    curves: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...]
-
-
-@dataclass(frozen=True)
-class Cloud:
-    """Points of one column over another with the same scale on both axes, and the limit at the cursor's speed."""
-
-    title: str
-    x: str
-    y: str
-    x_label: str
-    y_label: str
-    box: tuple[float, float, float, float]
-    caption: str
-    limit: Limit | None = None
+Drawn = dict[str, Any]
+"""Something that a view draws, by the names that `View` lists; JSON as it stands."""
 
 
 @dataclass(frozen=True)
@@ -286,17 +205,23 @@ class View:
         series: The first one carries the cursor.
         panels: From top to bottom.
         lines: Behind the map.
-        marks: On the map.
-        labels: On the map, ``x``, ``y`` and ``text``.
-        sections: Stretches of the first series.
+        marks: Known places on the map: ``name``, ``symbol`` (``triangle-up``, ``square``, ``x-thin``, ``circle-open``),
+            ``colour``, and lists of ``x`` and ``y``, m.
+        labels: On the map: ``x``, ``y`` and ``text``.
+        sections: Ranges of the first series: ``label``, ``name``, rows ``first`` to ``last`` (exclusive), and
+            ``shaded`` for those that stand alone.
         colours: Columns by which the path may be coloured; the first is chosen.
         map_caption: Below the map.
         channels: Differing from `CHANNELS`, as `FAST_CHANNELS`.
-        cloud: Or None.
+        cloud: Points of the column ``x`` over ``y`` with the same scale on both axes, or None: ``title``, ``x_label``,
+            ``y_label``, ``box`` (ends of x and y), ``caption`` and ``limit``, the largest accelerations of a machine,
+            or None: for each of ``speeds``, in ``unit``, closed ``curves`` of x and y.
         follow: Additional data of the follow view, or None.
-        bands: When something acted on the first series.
-        histograms: After the panels.
-        moments: Marked in the traces.
+        bands: When something acted on the first series: ``key``, ``name``, ``colour``, and ``rows``, ranges with their
+            first and last row.
+        histograms: Distributions over time, after the panels: ``key``, ``title``, ``label`` of the horizontal axis,
+            ``edges`` of the bins, ``shares`` of the time in each bin, %, by name of the series, and ``caption``.
+        moments: What happened at a ``row`` of a ``series``, as a fall, marked in the traces with its ``label``.
         reference: Index of the series that the page computes ``delta`` and ``speed_delta`` against until the reader
             chooses another; None where the columns are given, or there is nothing to compare.
     """
@@ -306,17 +231,17 @@ class View:
     series: tuple[Series, ...]
     panels: tuple[Panel, ...]
     lines: tuple[MapLine, ...] = ()
-    marks: tuple[Mark, ...] = ()
-    labels: tuple[dict[str, Any], ...] = ()
-    sections: tuple[Section, ...] = ()
+    marks: tuple[Drawn, ...] = ()
+    labels: tuple[Drawn, ...] = ()
+    sections: tuple[Drawn, ...] = ()
     colours: tuple[str, ...] = ()
     map_caption: str = ""
     channels: dict[str, Channel] = field(default_factory=dict)
-    cloud: Cloud | None = None
-    follow: dict[str, Any] | None = None
-    bands: tuple[Band, ...] = ()
-    histograms: tuple[Histogram, ...] = ()
-    moments: tuple[Moment, ...] = ()
+    cloud: Drawn | None = None
+    follow: Drawn | None = None
+    bands: tuple[Drawn, ...] = ()
+    histograms: tuple[Drawn, ...] = ()
+    moments: tuple[Drawn, ...] = ()
     reference: int | None = None
 
     def channel(self, name: str) -> Channel:
@@ -349,7 +274,7 @@ class View:
         names = {"distance", "time", "x", "y", "yaw", *self.colours}
         names |= {line.column for panel in self.panels for line in panel.lines}
         if self.cloud is not None:
-            names |= {self.cloud.x, self.cloud.y, "speed"}
+            names |= {self.cloud["x"], self.cloud["y"], "speed"}
         if self.reference is not None:
             names.add("speed")  # the page computes differences of it
         return names | set(FOLLOWED) if self.follow is not None else names
@@ -362,9 +287,9 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return embed(value, MAP_QUANTUM)
     if is_dataclass(value):
-        return {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.name != "caption"}
+        value = {field.name: getattr(value, field.name) for field in fields(value)}
     if isinstance(value, dict):
-        return {shown(key): _plain(part) for key, part in value.items()}
+        return {shown(key): _plain(part) for key, part in value.items() if key != "caption"}
     return [_plain(part) for part in value] if isinstance(value, list | tuple) else value
 
 
@@ -397,9 +322,9 @@ def view_html(view: View, pads: Sequence[str] = ()) -> str:
         map_html = f'<div class="pads">{map_html.join(pads)}</div>'
     panels = [_panel_html(view, panel) for panel in view.panels]
     if view.cloud is not None:
-        panels.append(_figure("cloud", view.cloud.title, view.cloud.caption, "cloud"))
+        panels.append(_figure("cloud", view.cloud["title"], view.cloud["caption"], "cloud"))
     if view.histograms:
-        figures = [_figure(h.key, h.title, h.caption, "histogram") for h in view.histograms]
+        figures = [_figure(h["key"], h["title"], h["caption"], "histogram") for h in view.histograms]
         panels.append(f'<div class="row">{"".join(figures)}</div>')
     return "\n".join(
         [

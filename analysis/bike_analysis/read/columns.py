@@ -18,6 +18,7 @@ from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.lib.recfunctions import repack_fields
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -83,23 +84,12 @@ class MessageSchema:
         """
         self.name = name
         self._store = _typestore(name, definition)
-        for type_name in self._store.fielddefs:
-            self._check(type_name, ())
-
-    def _check(self, type_name: str, within: tuple[str, ...]) -> None:
-        """No type may contain itself; nor may there be arrays of nothing, whose number no bytes would bound."""
-        for field in self.fields_of(type_name):
-            if not within and field.kind not in _DTYPES and (field.length or 0) > _LONGEST_ARRAY:
-                raise SchemaError(f"field {field.name} of {type_name} in the recording has {field.length} elements")
-            if field.nested:
-                if field.kind in (type_name, *within):
-                    raise SchemaError(f"type {field.kind} in the recording contains itself")
-                self._check(field.kind, (*within, type_name))
-                if field.length is not None and self._is_empty(field.kind):
-                    raise SchemaError(f"field {field.name} of {type_name} in the recording is an array of nothing")
-
-    def _is_empty(self, type_name: str) -> bool:
-        return all(f.nested and f.length is None and self._is_empty(f.kind) for f in self.fields_of(type_name))
+        try:
+            for field in (field for type_name in self._store.fielddefs for field in self._leaves(type_name, "")):
+                if field.kind not in _DTYPES and (field.length or 0) > _LONGEST_ARRAY:
+                    raise SchemaError(f"field {field.name} of {name} in the recording has {field.length} elements")
+        except RecursionError:
+            raise SchemaError(f"a type of {name} in the recording contains itself") from None
 
     def fields_of(self, type_name: str) -> Iterator[_Field]:
         """A type's own fields in the order of transmission.
@@ -168,9 +158,9 @@ class MessageSchema:
     def _decode(self, data: bytes) -> tuple[Any, int]:
         """The decoded message and its length in bytes."""
         little_endian = self.is_little_endian(data)
-        definition = self._store.get_msgdef(self.name)
-        decode = definition.deserialize_cdr_le if little_endian else definition.deserialize_cdr_be
         try:
+            definition = self._store.get_msgdef(self.name)
+            decode = definition.deserialize_cdr_le if little_endian else definition.deserialize_cdr_be
             message, end = decode(data[_HEADER_BYTES:], 0, definition.cls, self._store)
         except Exception as error:  # what the generated code raises depends on the damage
             raise SchemaError(f"a {self.name} of {len(data)} bytes cannot be decoded: {error}") from error
@@ -194,19 +184,11 @@ class MessageSchema:
         return SchemaError(f"a {self.name} of {len(data)} bytes is shorter than its fields")
 
 
-class _Place(NamedTuple):
-    """Location of a field: `offset` in bytes from the start of the message; `length` is None for a scalar."""
-
-    dtype: np.dtype[Any]
-    offset: int
-    length: int | None
-
-
 class MessageLayout:
     """Places of the fields of a message, which hold for every message with the same lengths.
 
     Attributes:
-        places: By name of the field.
+        places: Type and offset, bytes from the start of the message, of each field of numbers, by name.
         guards: The bytes that they depend on, and where these are.
         size: Length of the message, bytes.
     """
@@ -223,7 +205,7 @@ class MessageLayout:
         """
         self._order = "<" if schema.is_little_endian(data) else ">"
         self._schema, self._data = schema, data
-        self.places: dict[str, _Place] = {}
+        self.places: dict[str, tuple[np.dtype[Any], int]] = {}
         self.guards: list[tuple[int, bytes]] = [(0, data[:2])]
         self.size = _HEADER_BYTES
         self._walk(schema.name, "")
@@ -233,8 +215,14 @@ class MessageLayout:
         for field in self._schema.fields_of(type_name):
             name = None if prefix is None else f"{prefix}{field.name}"
             count = self._length() if field.length == _VARIABLE else field.length
+            if count is not None and count > len(self._data):
+                raise self._schema.too_short(self._data)
             if field.kind in _DTYPES:
-                self._pass_numbers(name, field.kind, count)
+                dtype = np.dtype("?" if field.kind == "bool" else self._order + _DTYPES[field.kind])
+                dtype = dtype if count is None else np.dtype((dtype, (count,)))
+                begin = self._pass(dtype.itemsize, dtype.base.itemsize if dtype.itemsize else 1)  # none: no padding
+                if name is not None:
+                    self.places[name] = dtype, begin
                 continue
             inner = f"{name}." if name is not None and count is None else None
             for _ in range(1 if count is None else count):
@@ -247,43 +235,39 @@ class MessageLayout:
 
     def _length(self) -> int:
         """Read the length of a string or sequence."""
-        begin = self._align(4)
-        self._pass(4)
+        begin = self._pass(4, 4)
         raw = self._data[begin : begin + 4]
         self.guards.append((begin, raw))
         return int.from_bytes(raw, "little" if self._order == "<" else "big")
 
-    def _pass_numbers(self, name: str | None, kind: str, count: int | None) -> None:
-        dtype = np.dtype("?" if kind == "bool" else self._order + _DTYPES[kind])
-        begin = self.size if count == 0 else self._align(dtype.itemsize)  # no padding before an empty sequence
-        if name is not None:
-            self.places[name] = _Place(dtype, begin, count)
-        self._pass(dtype.itemsize * (1 if count is None else count))
-
-    def _align(self, size: int) -> int:
-        self.size += -(self.size - _HEADER_BYTES) % size
-        return self.size
-
-    def _pass(self, size: int) -> None:
-        self.size += size
+    def _pass(self, size: int, align: int = 1) -> int:
+        """Pass bytes that are aligned to a multiple of `align` behind the header; where they begin."""
+        begin = self.size + -(self.size - _HEADER_BYTES) % align
+        self.size = begin + size
         if self.size > len(self._data):
             raise self._schema.too_short(self._data)
+        return begin
 
     def fits(self, contents: Bytes, begin: Integers, end: Integers) -> NDArray[np.bool_]:
         """Which messages, between `begin` and `end` in the contents, have this layout; shape (messages,)."""
         mask = end - begin >= self.size
         for offset, value in self.guards:
             rows = np.flatnonzero(mask)
-            found = _windows(contents, begin[rows] + offset, len(value))
-            mask[rows] = (found == np.frombuffer(value, np.uint8)).all(axis=1)
+            mask[rows] = _records(contents, np.dtype(f"V{len(value)}"), begin[rows] + offset) == np.void(value)
         return mask
 
+    def records(self, fields: Sequence[str], contents: Bytes, begin: Integers) -> NDArray[Any]:
+        """Fields of messages of this layout, as records that share nothing with the contents."""
+        formats, offsets = zip(*(self.places[name] for name in fields), strict=True)
+        dtype = np.dtype({"names": list(fields), "formats": formats, "offsets": offsets})
+        return _records(contents, dtype, begin)
 
-def _windows(contents: Bytes, begin: Integers, width: int) -> Bytes:
-    """Copy `width` bytes from each place in `begin` on; shape (places, width)."""
-    if not len(begin) or not width:
-        return np.empty((len(begin), width), np.uint8)
-    every: Bytes = np.ndarray((len(contents) - width + 1, width), np.uint8, contents, strides=(1, 1))
+
+def _records(contents: Bytes, dtype: np.dtype[Any], begin: Integers) -> NDArray[Any]:
+    """Copy what lies at each place in `begin` of the contents."""
+    if not len(begin):
+        return np.empty(0, dtype)
+    every: NDArray[Any] = np.ndarray((len(contents) - dtype.itemsize + 1,), dtype, contents, strides=(1,))
     return every[begin]
 
 
@@ -307,7 +291,7 @@ class ColumnReader:
         self._schema = schema
         self._fields = tuple(fields)
         self._layouts: list[MessageLayout] = []
-        self._blocks: list[dict[str, NDArray[Any]]] = []
+        self._blocks: list[NDArray[Any]] = []
 
     def add_block(self, contents: Bytes, begin: Integers, end: Integers) -> NDArray[np.bool_]:
         """Add messages.
@@ -319,16 +303,19 @@ class ColumnReader:
 
         Returns:
             Mask of the messages that fit their type; the others are left out.
+
+        Raises:
+            SchemaError: If an array has several lengths.
         """
         good = np.ones(len(begin), dtype=bool)
-        columns: dict[str, NDArray[Any]] = {}
+        records: NDArray[Any] | None = None
         remaining, untried = np.arange(len(begin)), list(self._layouts)
         while len(remaining):
             if not untried:
                 first = remaining[0]
                 try:
                     untried = [MessageLayout(self._schema, contents[begin[first] : end[first]].tobytes())]
-                except SchemaError as error:
+                except (SchemaError, RecursionError) as error:
                     self.damage = self.damage or str(error)
                     good[first] = False
                     remaining = remaining[1:]
@@ -337,24 +324,17 @@ class ColumnReader:
             layout = untried.pop(0)
             fits = layout.fits(contents, begin[remaining], end[remaining])
             if fits.any():
-                self._extract(layout, contents, begin, remaining[fits], columns)
+                found = layout.records(self._fields, contents, begin[remaining[fits]])
+                if records is None:
+                    records = np.empty(len(begin), repack_fields(found.dtype.newbyteorder("=")))
+                for name in self._fields:
+                    if records[name].shape[1:] != found[name].shape[1:]:
+                        raise self._changed(name)
+                    records[name][remaining[fits]] = found[name]
             remaining = remaining[~fits]
-        self._blocks.append(columns if good.all() else {name: values[good] for name, values in columns.items()})
+        if records is not None:
+            self._blocks.append(records[good])
         return good
-
-    def _extract(
-        self, layout: MessageLayout, contents: Bytes, begin: Integers, rows: Integers, columns: dict[str, NDArray[Any]]
-    ) -> None:
-        """Write the wanted fields of messages of one layout into their rows of `columns`."""
-        for name in self._fields:
-            dtype, offset, count = layout.places[name]
-            shape = () if count is None else (count,)
-            raw = _windows(contents, begin[rows] + offset, (1 if count is None else count) * dtype.itemsize)
-            values = raw.view(dtype) if raw.shape[1] else np.empty((len(rows), 0), dtype)
-            column = columns.setdefault(name, np.empty((len(begin), *shape), dtype.newbyteorder("=")))
-            if column.shape[1:] != shape:
-                raise SchemaError(f"array {name} has {count} values in one message and {column.shape[1]} in another")
-            column[rows] = values.reshape(len(rows), *shape)
 
     def finish(self) -> dict[str, NDArray[Any]]:
         """Put all blocks together.
@@ -365,13 +345,14 @@ class ColumnReader:
         Raises:
             SchemaError: If an array has several lengths.
         """
-        blocks, self._blocks = [block for block in self._blocks if block], []
-        if not blocks:
-            return {name: np.empty(0) for name in self._fields}
+        blocks, self._blocks = self._blocks, []
         columns = {}
         for name in self._fields:
-            try:
-                columns[name] = np.concatenate([block.pop(name) for block in blocks])
-            except ValueError as error:
-                raise SchemaError(f"array {name} of {self._schema.name} changes its length") from error
+            parts = [block[name] for block in blocks] or [np.empty(0)]
+            if len({part.shape[1:] for part in parts}) > 1:
+                raise self._changed(name)
+            columns[name] = np.concatenate(parts)
         return columns
+
+    def _changed(self, name: str) -> SchemaError:
+        return SchemaError(f"array {name} of {self._schema.name} changes its length")

@@ -14,13 +14,12 @@ Format: the MCAP specification, https://mcap.dev/spec. The `mcap` library decode
 
 from __future__ import annotations
 
-import io
 import os
 import re
 import stat
 import struct
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -34,7 +33,8 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Footer, Header, Metadata, Schema
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Chunk, Header, Metadata, Schema
 from numba import njit
 from numpy.typing import NDArray
 
@@ -210,7 +210,6 @@ class Container:
     reason: str = ""
     damaged_chunks: int = 0
     damage: str = ""
-    _only_summary_left: bool = field(default=False, repr=False)
 
     def messages(self) -> Iterator[RawMessage]:
         """Yield all messages in the order in which they were recorded.
@@ -234,82 +233,62 @@ class Container:
             OSError: If the file cannot be read.
         """
         self.counts.clear()
-        self.truncated, self._only_summary_left, self.damaged_chunks = False, False, 0
-        pieces: list[bytes] = []
-        size, count = 0, 0
-        for piece in self._pieces():
-            pieces.append(piece)
-            size += len(piece)
-            if size >= BLOCK_BYTES:
-                block = self._block(pieces, count + 1)
+        self.truncated, self.damaged_chunks = False, 0
+        waiting: list[bytes] = []
+        count = 0
+        for piece in self.pieces():
+            waiting.append(piece)
+            if sum(map(len, waiting)) >= BLOCK_BYTES:
+                block = self._block(waiting, count + 1)
                 count += len(block)
                 yield block
-                pieces, size = [], 0
-        if pieces:
-            yield self._block(pieces, count + 1)
-        self._read_summary()  # topics without messages are described there only
-
-    def check(self) -> None:
-        """Check that the file can be read at all; faults after its first chunk are not detected.
-
-        Raises:
-            RecordingError, OSError: What `blocks` would raise.
-        """
-        next(self._pieces(), None)
+                waiting = []
+        if waiting:
+            yield self._block(waiting, count + 1)
 
     def topics(self) -> dict[str, str]:
         """Topics met so far with their type names."""
         return {c.topic: self.schemas[c.schema_id].name for c in self.channels.values() if c.schema_id in self.schemas}
 
-    def _pieces(self) -> Iterator[bytes]:
-        """Contents of the chunks, and message records that stand outside of chunks."""
-        with open_regular(self.path, buffering=1024 * 1024) as file:
-            size = os.fstat(file.fileno()).st_size
-            _check_magic(self.path, file.read(len(MAGIC)))
-            self.bytes_read = len(MAGIC)
-            while True:
-                try:
-                    opcode, length = self._next_record(file, size)
-                    if opcode == Opcode.DATA_END:
-                        self._only_summary_left = True
-                    if opcode == Opcode.FOOTER:
-                        if length != 20 or len(file.read(length)) != length or file.read(len(MAGIC)) != MAGIC:
-                            raise ValueError("the file's end is damaged")
-                        self.bytes_read = file.tell()
-                        return
-                    piece = self._content(file, opcode, length)
-                except _DAMAGE as error:
-                    if isinstance(error, RecordingError):
-                        raise
-                    self.truncated = True
-                    self.reason = f"{self.bytes_read} of {size} bytes are whole ({_said(error)})"
-                    return
-                self.bytes_read += RECORD_BYTES + length
-                if piece:
-                    yield piece
-
-    def _next_record(self, file: IO[bytes], size: int) -> tuple[int, int]:
-        """Opcode and length of the next record.
+    def pieces(self) -> Iterator[bytes]:
+        """Yield the contents of the chunks, and message records that stand outside of chunks.
 
         Raises:
-            ValueError: If it does not fit the file.
+            RecordingError: If the file is not MCAP at all.
+            OSError: If the file cannot be read.
         """
-        head = file.read(RECORD_BYTES)
-        if len(head) < RECORD_BYTES:
-            raise ValueError("the file ends without its footer")
-        opcode, length = _RECORD.unpack(head)
-        if opcode == 0:
-            raise ValueError("a record has no type")
-        if length > size - self.bytes_read - RECORD_BYTES:
-            raise ValueError("a record is not whole")
-        return opcode, length
+        with open_regular(self.path, buffering=1024 * 1024) as file:
+            size, opcode, in_data = os.fstat(file.fileno()).st_size, 0, True
+            _check_magic(self.path, file.read(len(MAGIC)))
+            file.seek(0)
+            with suppress(OSError, *_DAMAGE):  # of topics without messages and of damaged chunks, this alone knows
+                summary = SeekingReader(file, record_size_limit=LARGEST_RECORD).get_summary()
+                if summary is not None:
+                    self.schemas |= summary.schemas
+                    self.channels |= summary.channels
+            self.bytes_read = file.seek(len(MAGIC))
+            try:
+                while opcode != Opcode.FOOTER:
+                    opcode, length = _next_record(file, size)
+                    in_data = in_data and opcode != Opcode.DATA_END
+                    piece = self._content(file, opcode, length) if in_data else b""
+                    if opcode == Opcode.FOOTER and (length != 20 or not file.read().endswith(MAGIC)):
+                        raise ValueError("the file's end is damaged")
+                    self.bytes_read += RECORD_BYTES + length
+                    file.seek(self.bytes_read)
+                    if piece:
+                        yield piece
+            except RecordingError:
+                raise
+            except _DAMAGE as error:
+                self.truncated = True
+                self.reason = f"{self.bytes_read} of {size} bytes are whole ({_said(error)})"
 
     def _content(self, file: IO[bytes], opcode: int, length: int) -> bytes:
         """Records of a chunk, or a message with its record header; of anything else nothing, but it is noted."""
-        if opcode not in (Opcode.CHUNK, Opcode.MESSAGE, *_KINDS) or self._only_summary_left:
-            if opcode == Opcode.MESSAGE_INDEX and (length < 6 or (length - 6) % 16):
-                raise ValueError("a message index is damaged")
-            file.seek(length, io.SEEK_CUR)
+        if opcode == Opcode.MESSAGE_INDEX and (length < 6 or (length - 6) % 16):
+            raise ValueError("a message index is damaged")
+        if opcode not in (Opcode.CHUNK, Opcode.MESSAGE, *_KINDS):
             return b""
         if length > LARGEST_RECORD:
             raise ValueError(f"a record of {length} bytes is larger than the {LARGEST_RECORD} that are read")
@@ -322,34 +301,21 @@ class Container:
         try:
             return _chunk_contents(content)
         except _DAMAGE as error:
-            self._leave_out(_said(error))
+            self.damaged_chunks += 1
+            self.damage = self.damage or _said(error)
             return b""
 
-    def _leave_out(self, damage: str) -> None:
-        """Count a damaged chunk. It may have described topics; the file's summary describes them once more."""
-        self.damaged_chunks += 1
-        self.damage = self.damage or damage
-        if self.damaged_chunks == 1:
-            self._read_summary()
-
-    def _read_summary(self) -> None:
-        """Note the schemas and channels of the summary section, if it is complete; a truncated file has none."""
-        with suppress(*_DAMAGE), open_regular(self.path) as file:
-            for opcode, content in _summary_records(file, os.fstat(file.fileno()).st_size):
-                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                    self._note(opcode, content)
-
     def _note(self, opcode: int, content: bytes) -> None:
-        """Keep a schema, channel or metadata record; the first of a name counts.
+        """Keep a schema, channel or metadata record.
 
         Raises:
             RecordingError: If the header is that of another kind of recording.
         """
         record = _KINDS[opcode].read(ReadDataStream(BytesIO(content)))
         if isinstance(record, Channel):
-            self.channels.setdefault(record.id, record)
+            self.channels[record.id] = record
         elif isinstance(record, Schema):
-            self.schemas.setdefault(record.id, record)
+            self.schemas[record.id] = record
         elif isinstance(record, Metadata):
             self.metadata[record.name] = dict(record.metadata)
         elif isinstance(record, Header) and record.profile not in ("ros2", ""):
@@ -407,30 +373,21 @@ def _check_magic(path: Path, start: bytes) -> None:
     raise RecordingError(f"{path} is not an MCAP recording (it begins with {start!r}){hint}")
 
 
-def _summary_records(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
-    """Opcode and content of the records of the summary section.
+def _next_record(file: IO[bytes], size: int) -> tuple[int, int]:
+    """Opcode and length of the next record of a file of this size.
 
     Raises:
-        ValueError: If it is incomplete.
+        ValueError: If it does not fit the file.
     """
-    footer_bytes = RECORD_BYTES + 20
-    footer_begin = size - len(MAGIC) - footer_bytes
-    file.seek(max(footer_begin, 0))
-    footer = Footer.read(ReadDataStream(BytesIO(file.read(footer_bytes)[RECORD_BYTES:])))
-    begin, end = footer.summary_start, size - len(MAGIC) - 4  # without the checksum itself
-    if begin == 0:
-        return
-    if begin > footer_begin or end - begin > LARGEST_RECORD:
-        raise ValueError("the summary does not fit the file")
-    file.seek(begin)
-    summary = file.read(end - begin)
-    if footer.summary_crc and zlib.crc32(summary) != footer.summary_crc:
-        raise ValueError("the summary's checksum is wrong")
-    position = 0
-    while position + RECORD_BYTES <= len(summary):
-        opcode, length = _RECORD.unpack_from(summary, position)
-        position += RECORD_BYTES + length
-        yield opcode, summary[position - length : position]
+    head = file.read(RECORD_BYTES)
+    if len(head) < RECORD_BYTES:
+        raise ValueError("the file ends without its footer")
+    opcode, length = _RECORD.unpack(head)
+    if opcode == 0:
+        raise ValueError("a record has no type")
+    if length > size - file.tell():
+        raise ValueError("a record is not whole")
+    return opcode, length
 
 
 def _chunk_contents(record: bytes) -> bytes:
@@ -486,24 +443,12 @@ LARGEST_METADATA: Final = 4 * 1024 * 1024
 _NUMBERED: Final = re.compile(r"(.+)_(\d+)\.mcap")
 
 
-class RecordingFiles(NamedTuple):
-    """Files of a recording.
-
-    Attributes:
-        files: Those that can be read, in order, at least one.
-        warnings: What is missing or cannot be read, one sentence each.
-    """
-
-    files: tuple[Path, ...]
-    warnings: tuple[str, ...]
-
-
 def find_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
     """Files of a recording as `examine_files` finds them, without its warnings."""
-    return examine_files(path).files
+    return examine_files(path)[0]
 
 
-def examine_files(path: str | os.PathLike[str]) -> RecordingFiles:
+def examine_files(path: str | os.PathLike[str]) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Find the MCAP files of a recording.
 
     Args:
@@ -511,7 +456,7 @@ def examine_files(path: str | os.PathLike[str]) -> RecordingFiles:
             ``metadata.yaml`` lists, but for the last one of a killed recorder: it is found by its number.
 
     Returns:
-        The files, and the faults of others.
+        The files that can be read, in order, at least one; and what is missing or cannot be read, one sentence each.
 
     Raises:
         FileNotFoundError: If it does not exist.
@@ -522,24 +467,29 @@ def examine_files(path: str | os.PathLike[str]) -> RecordingFiles:
     target = Path(path)
     if not target.exists():
         raise FileNotFoundError(f"recording {target} does not exist")
-    if target.is_file():
-        return RecordingFiles((target,), ())
     if not target.is_dir():
-        raise RecordingError(f"{target} is neither a file nor a directory")
+        return (target,), ()  # whether it is a regular file is seen when it is opened
     listed = _listed_files(target)
-    there = [file for file in listed if file.is_file()]
-    missing = tuple(f"{file.name} is missing: {METADATA_FILE} lists it" for file in listed if file not in there)
-    files = [*there, *_numbered_after(listed[-1])] if listed else []
-    if files:
-        readable, unreadable = _readable(files)
-        return RecordingFiles(readable, missing + unreadable)
-    files = sorted(target.glob("*.mcap"))
+    warnings = [f"{file.name} is missing: {METADATA_FILE} lists it" for file in listed if not file.is_file()]
+    files = [*filter(Path.is_file, listed), *_numbered_after(listed[-1])] if listed else []
     if not files:
-        raise FileNotFoundError(f"directory {target} holds no .mcap file")
-    if len(files) > 1:
-        names = ", ".join(f.name for f in files[:5])
-        raise RecordingError(f"directory {target} holds {len(files)} recordings ({names}); name one of them")
-    return RecordingFiles(tuple(files), missing)
+        files = sorted(target.glob("*.mcap"))
+        if not files:
+            raise FileNotFoundError(f"directory {target} holds no .mcap file")
+        if len(files) > 1:
+            names = ", ".join(f.name for f in files[:5])
+            raise RecordingError(f"directory {target} holds {len(files)} recordings ({names}); name one of them")
+        return tuple(files), tuple(warnings)
+    readable, errors = [], []
+    for file in files:
+        try:
+            next(Container(file).pieces(), None)  # an empty file, for one, holds nothing
+            readable.append(file)
+        except (RecordingError, OSError) as error:
+            errors.append(error)
+    if not readable:
+        raise errors[0]
+    return tuple(readable), (*warnings, *(f"left out: {error}" for error in errors))
 
 
 def _listed_files(directory: Path) -> list[Path]:
@@ -564,22 +514,3 @@ def _numbered_after(last: Path) -> list[Path]:
     found = [(_NUMBERED.fullmatch(file.name), file) for file in last.parent.glob("*.mcap")]
     numbers = {int(m[2]): file for m, file in found if m is not None and m[1] == match[1] and file.is_file()}
     return [numbers[number] for number in sorted(numbers) if number > int(match[2])]
-
-
-def _readable(files: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """Leave out what no message can be read of, such as an empty file.
-
-    Raises:
-        RecordingError, OSError: That of the first file, if this is true of all.
-    """
-    readable, errors = [], []
-    for file in files:
-        try:
-            Container(file).check()
-        except (RecordingError, OSError) as error:
-            errors.append(error)
-        else:
-            readable.append(file)
-    if not readable:
-        raise errors[0]
-    return tuple(readable), tuple(f"left out: {error}" for error in errors)

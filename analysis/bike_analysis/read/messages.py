@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,23 +27,22 @@ ODOMETRY: Final = "nav_msgs/msg/Odometry"
 SATELLITE: Final = "sensor_msgs/msg/NavSatFix"
 INERTIAL: Final = "sensor_msgs/msg/Imu"
 
-_POSE: Final = "pose.pose."
-_TWIST: Final = "twist.twist."
-MOTION_FIELDS: Final[dict[str, tuple[str, ...]]] = {
-    ODOMETRY: (
-        *(f"{_POSE}position.{axis}" for axis in "xy"),
-        *(f"{_POSE}orientation.{axis}" for axis in "xyzw"),
-        f"{_TWIST}linear.x",
-        f"{_TWIST}linear.y",
-        f"{_TWIST}angular.x",
-        f"{_TWIST}angular.z",
-    ),
-    SATELLITE: ("latitude", "longitude", "status.status"),
-    INERTIAL: (*(f"orientation.{axis}" for axis in "xyzw"), "angular_velocity.x", "angular_velocity.z"),
+_MOTION: Final[dict[str, dict[str, str]]] = {
+    ODOMETRY: {
+        **{axis: f"pose.pose.position.{axis}" for axis in "xy"},
+        **{f"q{axis}": f"pose.pose.orientation.{axis}" for axis in "xyzw"},
+        **{"forward": "twist.twist.linear.x", "left": "twist.twist.linear.y"},
+        **{"roll_rate": "twist.twist.angular.x", "yaw_rate": "twist.twist.angular.z"},
+    },
+    SATELLITE: {"latitude": "latitude", "longitude": "longitude", "status": "status.status"},
+    INERTIAL: {
+        **{f"q{axis}": f"orientation.{axis}" for axis in "xyzw"},
+        **{"roll_rate": "angular_velocity.x", "yaw_rate": "angular_velocity.z"},
+    },
 }
-"""Fields that are read, by type."""
-MOTION_TYPES: Final = tuple(MOTION_FIELDS)
-"""Message types with motion, the most informative first."""
+"""Fields that are read of messages with motion, by type, the most informative first, and by name."""
+MOTION_FIELDS: Final = {kind: tuple(fields.values()) for kind, fields in _MOTION.items()}
+MOTION_TYPES: Final = tuple(_MOTION)
 
 NEW_RIDE_AFTER: Final = 10.0
 """Silence after which another ride begins, s."""
@@ -50,8 +50,7 @@ EARTH_RADIUS: Final = 6_371_008.8
 """Mean radius of the Earth, m (IUGG)."""
 
 
-@dataclass(frozen=True)
-class Motion:
+class Motion(NamedTuple):
     """One recorded topic of motion.
 
     Attributes:
@@ -68,17 +67,6 @@ class Motion:
     time_s: Floats
     columns: dict[str, NDArray[Any]]
 
-    def column(self, name: str) -> Floats:
-        """A field; NaN where it was not recorded."""
-        found = self.columns.get(name)
-        return np.full(len(self.time_s), np.nan) if found is None else np.asarray(found, dtype=np.float64)
-
-    def sorted(self) -> Motion:
-        """The same in the order of time, each time once."""
-        _, rows = np.unique(self.time_s, return_index=True)
-        columns = {name: values[rows] for name, values in self.columns.items()}
-        return Motion(self.topic, self.type_name, self.order[rows], self.time_s[rows], columns)
-
 
 def states_of_motion(motions: Sequence[Motion]) -> tuple[dict[str, NDArray[Any]], str]:
     """Compute the columns of states.
@@ -91,62 +79,52 @@ def states_of_motion(motions: Sequence[Motion]) -> tuple[dict[str, NDArray[Any]]
         Columns by field of `QUANTITIES`, with ``order`` and ``time_s``; and a sentence that says
         what they were computed from.
     """
-    chosen = {}
+    states: dict[str, NDArray[Any]] = {}
+    used = []
     for kind in MOTION_TYPES:
-        usable = [motion.sorted() for motion in motions if motion.type_name == kind and len(motion.time_s)]
-        if usable:
-            chosen[kind] = max(usable, key=lambda motion: len(motion.time_s))
-    if not chosen:
-        return {"time_s": np.empty(0), "order": np.empty(0)}, "no message of its topics can be decoded"
-    base = next(iter(chosen.values()))
-    states: dict[str, NDArray[Any]] = {"order": base.order, "time_s": base.time_s}
-    for kind, motion in chosen.items():
-        for name, values in _WORKED_OUT[kind](motion).items():
+        usable = [(motion, np.unique(motion.time_s, return_index=True)[1]) for motion in motions]
+        usable = [(motion, rows) for motion, rows in usable if motion.type_name == kind and len(rows)]
+        if not usable:
+            continue
+        motion, rows = max(usable, key=lambda one: len(one[1]))  # in the order of time, each time once
+        time = motion.time_s[rows]
+        states = states or {"order": motion.order[rows], "time_s": time}
+        used.append(f"{motion.topic} ({kind})")
+        nothing = np.full(len(time), np.nan)
+        recorded = {name: np.asarray(c[rows], dtype=np.float64) for name, c in motion.columns.items()}
+        fields = {name: recorded.get(field, nothing) for name, field in _MOTION[kind].items()}
+        for name, values in _quantities(fields).items():
             there = np.isfinite(values)
             if name not in states and there.sum() > 1:
                 outside = {"left": np.nan, "right": np.nan}
-                states[name] = np.interp(base.time_s, motion.time_s[there], values[there], **outside)
+                states[name] = np.interp(states["time_s"], time[there], values[there], **outside)
+    if not states:
+        return {"time_s": np.empty(0), "order": np.empty(0)}, "no message of its topics can be decoded"
     _complete(states)
-    used = " and ".join(f"{motion.topic} ({kind})" for kind, motion in chosen.items())
-    return (
-        states,
-        f"no states of ours were recorded: the motion is that of {used}, without course, steering and command",
-    )
+    words = f"the motion is that of {' and '.join(used)}, without course, steering and command"
+    return states, f"no states of ours were recorded: {words}"
 
 
-def _odometry(motion: Motion) -> dict[str, Floats]:
-    roll, pitch, yaw = _angles(*(motion.column(f"{_POSE}orientation.{axis}") for axis in "xyzw"))
-    return {
-        "x": motion.column(f"{_POSE}position.x"),
-        "y": motion.column(f"{_POSE}position.y"),
-        "yaw": yaw,
-        "roll": roll,
-        "pitch": pitch,
-        "speed": np.hypot(motion.column(f"{_TWIST}linear.x"), motion.column(f"{_TWIST}linear.y")),
-        "roll_rate": motion.column(f"{_TWIST}angular.x"),
-        "yaw_rate": motion.column(f"{_TWIST}angular.z"),
-    }
+def _quantities(fields: dict[str, Floats]) -> dict[str, Floats]:
+    """Quantities of states from the fields of one type of messages.
 
-
-def _satellite(motion: Motion) -> dict[str, Floats]:
-    """East and north of the first fix, on a plane that touches the Earth there; NaN without a fix (status below 0)."""
-    fixed = np.where(motion.column("status.status") < 0.0, np.nan, 1.0)
-    latitude, longitude = (fixed * np.radians(motion.column(name)) for name in ("latitude", "longitude"))
-    known = np.flatnonzero(np.isfinite(latitude) & np.isfinite(longitude))
-    if not len(known):
-        return {}
-    first = known[0]
-    east = EARTH_RADIUS * np.cos(latitude[first]) * (longitude - longitude[first])
-    return {"x": east, "y": EARTH_RADIUS * (latitude - latitude[first])}
-
-
-def _inertial(motion: Motion) -> dict[str, Floats]:
-    roll, pitch, yaw = _angles(*(motion.column(f"orientation.{axis}") for axis in "xyzw"))
-    rates = {"roll_rate": motion.column("angular_velocity.x"), "yaw_rate": motion.column("angular_velocity.z")}
-    return {"yaw": yaw, "roll": roll, "pitch": pitch, **rates}
-
-
-_WORKED_OUT: Final = {ODOMETRY: _odometry, SATELLITE: _satellite, INERTIAL: _inertial}
+    Satellite fixes become metres east and north of the first one, on a plane that touches the Earth there; a message
+    without a fix (status below 0) has no position.
+    """
+    found = {name: values for name, values in fields.items() if name in ("x", "y", "roll_rate", "yaw_rate")}
+    if "forward" in fields:
+        found["speed"] = np.hypot(fields["forward"], fields["left"])
+    if "qw" in fields:
+        found["roll"], found["pitch"], found["yaw"] = _angles(*(fields[f"q{axis}"] for axis in "xyzw"))
+    if "status" in fields:
+        fixed = np.where(fields["status"] < 0.0, np.nan, 1.0)
+        latitude, longitude = (fixed * np.radians(fields[name]) for name in ("latitude", "longitude"))
+        known = np.flatnonzero(np.isfinite(latitude) & np.isfinite(longitude))
+        if len(known):
+            first = known[0]
+            found["x"] = EARTH_RADIUS * np.cos(latitude[first]) * (longitude - longitude[first])
+            found["y"] = EARTH_RADIUS * (latitude - latitude[first])
+    return found
 
 
 def _angles(x: Floats, y: Floats, z: Floats, w: Floats) -> tuple[Floats, Floats, Floats]:
@@ -478,16 +456,10 @@ def latency_of(report: Report) -> Latency | None:
     found: dict[str, float] = {}
     for key, text in report.values.items():
         match = _LATENCY_KEY.match(key)
-        if match is None:
-            continue
-        try:
-            value = float(text) * _SECONDS[match[2]]
-        except ValueError:
-            continue
-        found["p99" if match[1] == "p99" else "median"] = value
-    if not found:
-        return None
-    return Latency(report.order, found.get("median", np.nan), found.get("p99", np.nan))
+        with suppress(ValueError):
+            if match is not None:
+                found["p99" if match[1] == "p99" else "median"] = float(text) * _SECONDS[match[2]]
+    return Latency(report.order, found.get("median", np.nan), found.get("p99", np.nan)) if found else None
 
 
 def dropped_messages(reports: Sequence[Report], namespace: str) -> int | None:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_analysis.read.columns import ColumnReader, MessageSchema, SchemaError
-from bike_analysis.read.container import Block, Container, RecordingError, RecordingFiles, examine_files
+from bike_analysis.read.container import Block, Container, RecordingError, examine_files
 from bike_analysis.read.messages import (
     COLUMNS,
     COMMAND_TYPE,
@@ -191,25 +191,25 @@ def read_recording(path: str | os.PathLike[str], namespace: str | None = None) -
         RecordingError: If it is not a recording of a ride, or nothing of it can be read.
         OSError: If the file cannot be read.
     """
-    found = examine_files(path)
+    files, faults = examine_files(path)
     try:
-        return _Reader(found).read(namespace)
+        return _Reader(files, faults).read(namespace)
     except SchemaError as error:
-        raise RecordingError(f"{found.files[0]}: {error}") from error
+        raise RecordingError(f"{files[0]}: {error}") from error
 
 
 class _Reader:
     """Sorts the messages of a recording's files by topic, chooses the vehicle, and puts its recording together."""
 
-    def __init__(self, found: RecordingFiles) -> None:
-        self._path = found.files[0]
-        self._incomplete = bool(found.warnings)
-        self._containers = [Container(file) for file in found.files]
+    def __init__(self, files: Sequence[Path], faults: Sequence[str]) -> None:
+        self._path = files[0]
+        self._incomplete = bool(faults)
+        self._containers = [Container(file) for file in files]
         self._topics: dict[str, _TopicReader] = {}
         self._others: dict[str, list[tuple[int, Any]]] = {}
         self._counts: dict[str, int] = {}
         self._message_count = 0
-        self._warnings: list[str] = list(found.warnings)
+        self._warnings: list[str] = list(faults)
         for box in self._containers:
             self._read_file(box)
 

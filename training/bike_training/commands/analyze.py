@@ -23,7 +23,7 @@ MAX_LINE: Final = 10_000
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Analyze recordings, print their figures unless `args.json`, and return them, schema ``bike.analyze/2``.
+    """Analyze recordings, print their figures unless `args.json`, and return them, schema ``bike.analyze/3``.
 
     Raises:
         FileNotFoundError: If there is no such recording.
@@ -85,7 +85,6 @@ def text_of(figures: dict[str, Any]) -> str:
         lines += _laps(ride)
     for comparison in figures["comparisons"]:
         lines += _comparison(comparison)
-    lines += _speeds(figures["distance_by_speed"])
     for recording in figures["recordings"]:
         median, p99 = recording["latency_median_s"], recording["latency_p99_s"]
         name = f"{recording['recording']}: " if several else ""
@@ -165,23 +164,6 @@ def _comparison(comparison: dict[str, Any]) -> list[str]:
         best = (_lap_time(sector["best_s"]) for sector in sectors)
         rows.append(("best sectors", _lap_time(comparison["theoretical_lap_s"]), "", *best))
     return _table(head, rows)
-
-
-def _speeds(speeds: Sequence[dict[str, Any]]) -> list[str]:
-    if len(speeds) < 2:
-        return []
-    rows = [
-        (
-            s["course"],
-            _number(s["speed_m_s"], 2),
-            _number(s["mean_error_m"], 3),
-            _number(s["max_error_m"], 3),
-            str(s["controllers"]),
-            f"{s['completed']} of {s['rides']}",
-        )
-        for s in speeds
-    ]
-    return _table(("course", "m/s", "T(v) m", "max m", "controllers", "completed"), rows)
 
 
 def _sweep(figures: dict[str, Any]) -> list[str]:
