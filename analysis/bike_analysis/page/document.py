@@ -33,59 +33,15 @@ from bike_analysis.figures.numbers import lap_text
 from bike_analysis.read.container import MAX_NAME, MAX_SENTENCE, shown
 from bike_analysis.read.messages import Simulation
 from bike_analysis.read.reading import Recording
+from bike_sim.documents import parse_yaml
 
 if TYPE_CHECKING:
     from bike_analysis.page.view import View
 
-INK: Final = "#1f2328"
-MUTED: Final = "#5e6875"
-GRID: Final = "#e3e6eb"
-BAND: Final = "#c4cad2"
-BLUE: Final = "#0b66ad"
-ORANGE: Final = "#c4501b"
-
-_LIGHT: Final = {
-    "ink": INK,
-    "muted": MUTED,
-    "grid": GRID,
-    "band": BAND,
-    "blue": BLUE,
-    "orange": ORANGE,
-    "green": "#00795f",
-    "violet": "#7a4cb8",
-    "gold": "#8f6a00",
-    "rose": "#b3306b",
-    "aid1": "#e0218a",
-    "aid2": "#6b8e00",
-    "aid3": "#00a0b0",
-    "aid4": "#8a5a44",
-}
-_DARK: Final = {
-    "ink": "#e6e9ee",
-    "muted": "#9aa5b3",
-    "grid": "#29313a",
-    "band": "#4b5563",
-    "blue": "#62b0f4",
-    "orange": "#f2915c",
-    "green": "#43c9a3",
-    "violet": "#bb9af0",
-    "gold": "#e0b84a",
-    "rose": "#f08ab8",
-    "aid1": "#ff6ec0",
-    "aid2": "#b9d94f",
-    "aid3": "#4cd8e6",
-    "aid4": "#d3a184",
-}
-_SURFACES_DARK: Final = {
-    "page": "#0f1317",
-    "card": "#181d23",
-    "line": "#2c333c",
-    "soft": "#9aa5b3",
-    "good": "#43c9a3",
-    "bad": "#f2915c",
-    "press": "#252d37",
-    "shade": "none",
-}
+_COLOURS: Final = parse_yaml((files("bike_analysis.page") / "colours.yaml").read_text(encoding="utf-8"))
+_LIGHT: Final = {name: found[0] for name, found in _COLOURS.items() if len(found) > 1}
+_DARK: Final = {name: found[-1] for name, found in _COLOURS.items()}
+INK, MUTED, BAND, BLUE, ORANGE = (_LIGHT[name] for name in ("ink", "muted", "band", "blue", "orange"))
 
 _ERROR_LEVELS: Final = 16
 _VIRIDIS: Final = mpl.colormaps["viridis"]
@@ -93,38 +49,8 @@ _ERROR_LIGHT: Final = [to_hex(_VIRIDIS(x)) for x in np.linspace(0.86, 0.0, _ERRO
 _ERROR_DARK: Final = [to_hex(_VIRIDIS(x)) for x in np.linspace(0.28, 1.0, _ERROR_LEVELS)]
 ERROR_MAP: Final = ListedColormap(_ERROR_LIGHT, name="ride_error")
 
-RC: Final[dict[str, Any]] = {
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
-    "font.size": 9.0,
-    "axes.labelsize": 9.0,
-    "axes.edgecolor": MUTED,
-    "axes.labelcolor": INK,
-    "axes.linewidth": 0.7,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": GRID,
-    "grid.linewidth": 0.6,
-    "xtick.color": MUTED,
-    "ytick.color": MUTED,
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
-    "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0,
-    "xtick.major.size": 3.0,
-    "ytick.major.size": 3.0,
-    "xtick.major.width": 0.7,
-    "ytick.major.width": 0.7,
-    "text.color": INK,
-    "text.parse_math": False,  # a name with dollar signs is no formula
-    "lines.solid_joinstyle": "round",
-    "legend.frameon": False,
-    "legend.fontsize": 8.5,
-    "figure.facecolor": "white",
-    "savefig.facecolor": "white",
-}
+RC: Final = mpl.rc_params_from_file(str(files("bike_analysis.page") / "page.mplstyle"), use_default_template=False)
+"""Style of pictures."""
 
 
 def colour(name: str) -> str:
@@ -148,7 +74,7 @@ def style_variables(dark: bool) -> str:
     Returns:
         Declarations, ``--ink: #...;`` and so on; in the dark scheme those of the page's surfaces, too.
     """
-    variables = {**_SURFACES_DARK, **_DARK} if dark else dict(_LIGHT)
+    variables = dict(_DARK if dark else _LIGHT)
     variables |= {f"e{index}": colour for index, colour in enumerate(_ERROR_DARK if dark else _ERROR_LIGHT)}
     scheme = "color-scheme: dark; " if dark else ""
     return scheme + " ".join(f"--{name}: {value};" for name, value in variables.items())

@@ -12,27 +12,21 @@ import numpy as np
 from bike_analysis.figures.compare import Comparison
 from bike_analysis.page.document import html_text, page_shell, program_version
 from bike_analysis.page.ride_view import (
-    BRAKE,
-    COMMAND,
-    ERROR,
-    LEAN,
-    LOAD,
-    SLIP,
-    SPEED,
-    THROTTLE,
     closed,
     is_fast,
     limit_lines,
     road_spec,
     run_columns,
 )
-from bike_analysis.page.view import FAST_CHANNELS, MapLine, Series, View, series_colour, view_html
+from bike_analysis.page.view import FAST_CHANNELS, PANELS, MapLine, Series, View, series_colour, view_html
 from bike_analysis.read.container import MAX_SENTENCE
 from bike_sim.course.course import Course
 
-_LEAN: Final = replace(LEAN, lines=LEAN.lines[1:], caption="Lean is positive to the right, steer to the left.")
+_LEAN: Final = replace(
+    PANELS["lean"], lines=PANELS["lean"].lines[1:], caption="Lean is positive to the right, steer to the left."
+)
 _COMMAND: Final = replace(
-    COMMAND, lines=COMMAND.lines[1:], caption="In [−1, 1], positive to the left.", ends=(-1.0, 1.0)
+    PANELS["command"], lines=PANELS["command"].lines[1:], caption="In [−1, 1], positive to the left.", ends=(-1.0, 1.0)
 )
 _MOVING: Final = ("time", "distance", "yaw", "roll", "steer", "speed", "error", "command")
 _DRIVEN: Final = ("throttle", "brake", "rear_slip", "front_slip", "rear_load", "front_load")
@@ -94,9 +88,10 @@ def live_view(course: Course, machine: str, powered: bool, ghost: Ghost | None =
         "y": np.full(2, course.y[0]),
         **({name: still for name in _DRIVEN} if powered else {}),
     }
-    speed = replace(SPEED, zero=True, least=10.0) if powered else SPEED
-    driven = tuple(replace(panel, folded=False) for panel in (THROTTLE, BRAKE, SLIP, LOAD)) if powered else ()
-    panels = (speed, _LEAN, *driven, _COMMAND, ERROR)
+    speed = replace(PANELS["speed"], zero=True, least=10.0) if powered else PANELS["speed"]
+    keys = ("throttle", "brake", "slip", "load") if powered else ()
+    driven = (replace(PANELS[key], folded=False) for key in keys)
+    panels = (speed, _LEAN, *driven, _COMMAND, PANELS["error"])
     line, widths = (course.x, course.y, course.heading), (course.width_left, course.width_right)
     lines = [MapLine("desired path", "reference", *closed(course.closed, course.x, course.y))]
     if widths[0] is not None and widths[1] is not None:

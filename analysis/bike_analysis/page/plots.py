@@ -119,7 +119,7 @@ def _draw_error(axes: Axes, ride: Ride) -> None:
     axes.plot(x, y, color=BLUE, lw=1.1)
     length = float(distance[-1] - distance[0])
     for section in course_sections(ride, growing(distance)) if along else ():
-        begin, end = distance[section["first"]], distance[section["last"]]
+        begin, end = float(distance[section["first"]]), float(distance[section["last"]])
         axes.axvline(begin, color=MUTED, lw=0.6, ls=(0, (1, 2)))
         if end - begin > _NUMBER_ROOM * length:
             above: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "bottom"}

@@ -27,10 +27,10 @@ from bike_analysis.figures.numbers import (
 from bike_analysis.page.view import (
     CHANNELS,
     FAST_CHANNELS,
+    PANELS,
     Drawn,
     MapLine,
     Panel,
-    PanelLine,
     Series,
     View,
     factor,
@@ -68,110 +68,11 @@ _HISTOGRAMS: Final = (
 """Column, title, axis and edges of the bins; sizes count where these do not go below zero."""
 
 
-def _wheels(column: str) -> tuple[PanelLine, PanelLine]:
-    """A line for the rear wheel, and a dashed one for the front wheel."""
-    return PanelLine(f"rear_{column}", "rear", "blue"), PanelLine(f"front_{column}", "front", "orange", dash=True)
-
-
-DELTA: Final = Panel(
-    *("delta", "Variance", (PanelLine("delta", "variance", "orange"),)),
-    caption="Difference of the times at the same place to the ride or lap chosen above; where it rises, time is lost.",
-    least=0.05,
-)
-SPEED_DELTA: Final = Panel("speed_delta", "Speed delta", (PanelLine("speed_delta", "speed delta", "green"),), least=0.2)
-ERROR: Final = Panel(
-    *("error", "Distance to the path", (PanelLine("error", "distance", "blue", fill="area"),)),
-    caption="Signed distance of the rear contact point, positive to the left.",
-    least=0.02,
-)
-LEAN: Final = Panel(
-    *("lean", "Lean and steer"),
-    (
-        PanelLine("balance", "balanced turn", "band", fill="band"),
-        PanelLine("steer", "steer δ", "orange"),
-        PanelLine("roll", "roll φ", "blue"),
-    ),
-    caption="Roll is positive leaning right, steer positive to the left. The band is the lean that balances the path's "
-    "curvature κ at this speed, −atan(v²κ/g). A short steer to the other side before a turn is counter-steering.",
-    least=2.0,
-)
-SPEED: Final = Panel("speed", "Speed", (PanelLine("speed", "speed", "green"),), zero=False, least=0.2)
-THROTTLE: Final = Panel(
-    *("throttle", "Throttle", (PanelLine("throttle", "throttle", "green", "area", step=True),)),
-    ends=(0.0, 100.0),
-    bands=("traction_control", "anti_wheelie"),
-)
-BRAKE: Final = Panel(
-    *("brake", "Brake", (PanelLine("brake", "brake", "orange", "area", step=True),)),
-    ends=(0.0, 100.0),
-    bands=("brake_control", "anti_stoppie"),
-)
-SLIP: Final = Panel(
-    *("slip", "Longitudinal slip", _wheels("slip")),
-    caption="Positive driving, negative braking.",
-    bands=("traction_control", "brake_control"),
-    folded=True,
-)
-LOAD: Final = Panel("load", "Vertical load", _wheels("load"), folded=True)
-COMMAND: Final = Panel(
-    *("command", "Steering command"),
-    (PanelLine("reached", "steer reached", "muted", dash=True), PanelLine("command", "applied", "blue", step=True)),
-    caption="Set value in [−1, 1], positive to the left, and the steering angle on the same scale.",
-)
-AGE: Final = Panel(
-    *("age", "Delay of the command", (PanelLine("age", "age", "violet", "area", step=True),)),
-    caption="Control steps between the state that a command answers and the state from which it was applied; 0 means "
-    "that the very next step used it.",
-    least=1.2,
-)
 _OF_MOTORCYCLES: Final = (
-    Panel("gear", "Gear", (PanelLine("gear", "gear", "violet", step=True),), ends=(0.0, 6.0)),
-    Panel(
-        *("engine", "Engine speed", (PanelLine("engine", "engine speed", "violet"),)),
-        caption="Of the crank, with a closed clutch: from the turning of the rear wheel and the machine's gears.",
-        zero=False,
-        folded=True,
-    ),
-    Panel(
-        *("roll_rate", "Lean rate", (PanelLine("roll_rate", "lean rate", "blue"),)),
-        caption="Positive while leaning further right.",
-        folded=True,
-    ),
-    Panel(
-        *("torque", "Steering torque", (PanelLine("torque", "torque", "gold"),)),
-        caption="On the fork about the steering axis, positive to the left.",
-        folded=True,
-    ),
-    SLIP,
-    Panel(
-        *("drift", "Slip angle", _wheels("drift")),
-        caption="Positive where the wheel moves to its left.",
-        folded=True,
-    ),
-    LOAD,
-    Panel(
-        *("grip", "Grip used", _wheels("grip")),
-        caption="Force of the tyre by the largest that it could have; beyond 100 % it slides, and its slip by that of "
-        "the largest force is shown.",
-        ends=(0.0, 100.0),
-    ),
-    Panel(
-        "travel",
-        "Suspension travel",
-        (PanelLine("shock_travel", "rear", "blue"), PanelLine("fork_travel", "fork", "orange", dash=True)),
-        caption="Of the spring units from the standing machine's, positive pressed together.",
-    ),
-    Panel(
-        "damper",
-        "Damper speed",
-        (PanelLine("shock_speed", "rear", "blue"), PanelLine("fork_speed", "fork", "orange", dash=True)),
-        caption="Positive in bump, negative in rebound.",
-        folded=True,
-    ),
-    Panel("pitch", "Pitch", (PanelLine("pitch", "pitch", "green"),), caption="Positive nose down.", folded=True),
-    Panel("twist", "Twist of the steering head", (PanelLine("twist", "twist", "gold"),), folded=True),
-    Panel("chain", "Chain force", (PanelLine("chain", "chain", "violet"),), folded=True),
+    *("gear", "engine", "roll_rate", "torque", "slip", "drift", "load", "grip", "travel", "damper", "pitch", "twist"),
+    "chain",
 )
+"""Panels of motorcycles."""
 _ALONE: Final = ("steer", "balance", "command", "reached", "age")
 """Columns that mean nothing beside those of another ride."""
 
@@ -276,14 +177,19 @@ def panels_for(columns: Mapping[str, Floats], fast: bool, compared: bool = False
         fast: Whether it is a motorcycle's.
         compared: Whether other series are beside it: speed and differences come first, and areas are lines.
     """
-    order = (ERROR, LEAN, SPEED, THROTTLE, BRAKE, *(_OF_MOTORCYCLES if fast else ()), COMMAND, AGE)
+    order = [panel for panel in PANELS.values() if fast or panel.key not in _OF_MOTORCYCLES]
     if compared:
-        lean = replace(LEAN, title="Lean", caption="Positive leaning right.", lines=LEAN.lines[-1:])
-        rest = (lean, *(panel for panel in order if panel not in (ERROR, LEAN, SPEED, COMMAND, AGE)), ERROR)
-        order = tuple(
+        lean = replace(PANELS["lean"], title="Lean", caption="Positive leaning right.", lines=PANELS["lean"].lines[-1:])
+        first = [PANELS["speed"], PANELS["delta"], PANELS["speed_delta"], lean]
+        rest = [
+            panel for panel in order if panel.key not in ("error", "command", "age", "lean", *(p.key for p in first))
+        ]
+        order = [
             replace(panel, lines=tuple(replace(line, fill="") for line in panel.lines))
-            for panel in (SPEED, DELTA, SPEED_DELTA, *rest)
-        )
+            for panel in (*first, *rest, PANELS["error"])
+        ]
+    else:
+        order = order[2:]  # without differences
     kept = []
     for panel in order:
         lines = tuple(line for line in panel.lines if line.column in columns or panel.key in ("delta", "speed_delta"))

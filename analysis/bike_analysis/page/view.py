@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from html import escape
+from importlib.resources import files
 from typing import Any, Final
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from bike_analysis.page.document import embed, html_text
 from bike_analysis.read.container import shown
 from bike_analysis.read.messages import Floats
+from bike_sim.documents import parse_yaml
 from bike_sim.schema import Quantity
 
 SERIES_COLOURS: Final = ("blue", "orange", "green", "violet", "gold", "rose")
@@ -61,57 +63,6 @@ _FACTORS: Final = {
 def factor(channel: Channel, quantity: Quantity) -> float:
     """Factor from a quantity's unit to that of the channel that shows it."""
     return _FACTORS.get((quantity.unit, channel.unit), 1.0)
-
-
-def _wheels(name: str, label: str, unit: str, digits: int, source: str, absolute: bool = False) -> dict[str, Channel]:
-    """A channel for each wheel."""
-    return {
-        f"{wheel}_{name}": Channel(f"{label}, {wheel}", unit, digits, f"{wheel}_{source}" if source else "", absolute)
-        for wheel in ("rear", "front")
-    }
-
-
-CHANNELS: Final = {
-    "distance": Channel("Distance", "m", 1),
-    "time": Channel("Time", "s", 2),
-    "x": Channel("x", "m", 1, "x"),
-    "y": Channel("y", "m", 1, "y"),
-    "yaw": Channel("Yaw", "rad", 2, "yaw"),
-    "error": Channel("Distance to the path", "m", 3, "lateral_error", absolute=True),
-    "roll": Channel("Roll", "°", 1, "roll", absolute=True),
-    "steer": Channel("Steer", "°", 1, "steer", absolute=True),
-    "balance": Channel("Lean that balances the turn", "°", 1, absolute=True),
-    "speed": Channel("Speed", "m/s", 2, "speed"),
-    "command": Channel("Steering command", "", 3, "steering_command", absolute=True),
-    "reached": Channel("Steer reached", "", 3, absolute=True),
-    "throttle": Channel("Throttle", "%", 0),
-    "brake": Channel("Brake", "%", 0),
-    "gear": Channel("Gear", "", 0),
-    "engine": Channel("Engine speed", "rpm", 0),
-    "torque": Channel("Steering torque", "Nm", 1, "steer_torque", absolute=True),
-    "roll_rate": Channel("Lean rate", "°/s", 0, "roll_rate", absolute=True),
-    **_wheels("slip", "Slip", "%", 1, "slip", absolute=True),
-    **_wheels("drift", "Slip angle", "°", 1, "slip_angle", absolute=True),
-    **_wheels("load", "Load", "kN", 2, "load"),
-    **_wheels("grip", "Grip used", "%", 0, ""),
-    "pitch": Channel("Pitch", "°", 2, "pitch"),
-    "shock_travel": Channel("Travel, rear spring unit", "mm", 1, "shock_travel"),
-    "fork_travel": Channel("Travel, fork", "mm", 1, "fork_travel"),
-    "shock_speed": Channel("Damper speed, rear", "mm/s", 0, "shock_speed"),
-    "fork_speed": Channel("Damper speed, fork", "mm/s", 0, "fork_speed"),
-    "twist": Channel("Twist of the steering head", "°", 3, "head_twist", absolute=True),
-    "chain": Channel("Chain force", "kN", 2, "chain_force"),
-    "age": Channel("Age of the command", "steps", 0),
-    "delta": Channel("Variance", "s", 3),
-    "speed_delta": Channel("Speed delta", "m/s", 2),
-    "lateral": Channel("Lateral acceleration", "g", 2, absolute=True),
-    "along": Channel("Longitudinal acceleration", "g", 2),
-}
-"""Quantities that views show, by the name of their column."""
-FAST_CHANNELS: Final = {name: replace(CHANNELS[name], unit="km/h", digits=1) for name in ("speed", "speed_delta")}
-"""Speeds of machines that ride on roads and circuits."""
-FOLLOWED: Final = ("speed", "roll", "steer", "throttle", "brake", "gear", "engine")
-"""Columns of the instruments of the view from behind."""
 
 
 @dataclass(frozen=True)
@@ -160,6 +111,22 @@ class Panel:
     ends: tuple[float, float] | None = None
     bands: tuple[str, ...] = ()
     folded: bool = False
+
+
+def _panel(key: str, row: dict[str, Any]) -> Panel:
+    values = {name: tuple(value) if isinstance(value, list) else value for name, value in row.items()}
+    return Panel(key, **values | {"lines": tuple(PanelLine(**line) for line in row["lines"])})
+
+
+_TABLES: Final = parse_yaml((files("bike_analysis.page") / "panels.yaml").read_text(encoding="utf-8"))
+CHANNELS: Final = {name: Channel(*row) for name, row in _TABLES["channels"].items()}
+"""Quantities that views show, by the name of their column."""
+PANELS: Final = {key: _panel(key, row) for key, row in _TABLES["panels"].items()}
+"""Panels that views show, by key."""
+FAST_CHANNELS: Final = {name: replace(CHANNELS[name], unit="km/h", digits=1) for name in ("speed", "speed_delta")}
+"""Speeds of machines that ride on roads and circuits."""
+FOLLOWED: Final = ("speed", "roll", "steer", "throttle", "brake", "gear", "engine")
+"""Columns of the instruments of the view from behind."""
 
 
 @dataclass(frozen=True)
