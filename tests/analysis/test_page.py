@@ -80,11 +80,8 @@ def test_embedded_columns_come_back_to_half_a_quantum(values: np.ndarray, quantu
     rounding = 0.5 * packed["quantum"] * (1.0 + 1e-9) + 1e-12 * np.abs(values[known]).max(initial=0.0)
     assert np.all(np.abs(back - values)[known] <= rounding)
     assert packed["rows"] == len(values)
-
-
-def test_a_quantum_must_be_positive() -> None:
     with pytest.raises(ValueError, match="quantum"):
-        embed(np.zeros(3), 0.0)
+        embed(values, 0.0)
 
 
 @given(values=hnp.arrays(float, st.integers(1, 50), elements=st.floats(-1e3, 1e3) | st.just(np.nan)))
@@ -361,7 +358,7 @@ def test_the_cursor_lies_where_its_state_is_drawn(opened: Opener, tmp_path: Path
     assert browser.execute_script(CURSOR)["map"]["size"] == before["map"]["size"]
 
 
-def test_hover_on_a_trace_moves_the_marker_on_the_map(opened: Opener, ride_page: Path) -> None:
+def test_hover_on_traces_and_map_moves_the_cursor_of_both(opened: Opener, ride_page: Path) -> None:
     browser = opened(ride_page)
     area = browser.find_element(By.CSS_SELECTOR, '[data-plot="error"] .area')
     seen = []
@@ -372,15 +369,10 @@ def test_hover_on_a_trace_moves_the_marker_on_the_map(opened: Opener, ride_page:
     rows = [row for row, _ in seen]
     assert rows == pytest.approx([80, 200, 320], abs=3)  # the circle is ridden at constant speed
     assert len({place for _, place in seen}) == 3
-
-
-def test_hover_on_the_map_moves_the_cursor_of_the_traces(opened: Opener, ride_page: Path) -> None:
-    """The top of the circle is half a lap from the start at its bottom."""
-    browser = opened(ride_page)
     area = browser.find_element(By.CSS_SELECTOR, ".map .area")
     ActionChains(browser).move_to_element_with_offset(area, 0, -round(0.4 * area.size["height"])).perform()
     settled(browser)
-    half_a_lap = np.pi * 10.0 / (4.0 * 0.05)
+    half_a_lap = np.pi * 10.0 / (4.0 * 0.05)  # the top of the circle is half a lap from the start at its bottom
     assert value_of(browser) == pytest.approx(half_a_lap, abs=6)
     cursor, width = browser.execute_script("""const a = document.querySelector('[data-plot="error"] .area');
       return [new DOMMatrix(getComputedStyle(a.querySelector(".cursor")).transform).e, a.clientWidth]""")
@@ -526,25 +518,25 @@ def test_dark_and_light_differ_and_the_reader_chooses(opened: Opener, ride_page:
     assert browser.find_element(By.ID, "theme").get_attribute("aria-pressed") == "false"
 
 
-@pytest.mark.parametrize("plot", ["error", "map"])
 def test_plots_are_saved_as_pictures_in_which_names_are_no_tags(
-    opened: Opener, writer: Any, circle: Any, plot: str, tmp_path: Path
+    opened: Opener, writer: Any, circle: Any, tmp_path: Path
 ) -> None:
     name, ride = "&lt;a <b>bold</b> <a href='#'>link</a>", circle(steps=200)
     ride.course["name"] = name
     browser = opened(write_page([open_ride(writer.write(tmp_path / "ride.mcap", [ride]))], tmp_path / "page.html"))
     browser.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
-    browser.find_element(By.CSS_SELECTOR, f'[data-plot="{plot}"] [data-save]').click()
-    WebDriverWait(browser, 30).until(lambda _: [*tmp_path.glob(f"*-{plot}.png")])
-    png = next(tmp_path.glob(f"*-{plot}.png"))
-    WebDriverWait(browser, 30).until(lambda _: png.stat().st_size)
     assert not browser.find_elements(By.CSS_SELECTOR, "main b b, main a[href='#']")
-    with Image.open(png) as image:
-        assert image.width >= 1600
-        drawn = np.asarray(image.convert("RGB"), dtype=int)
-    assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 50
-    head = drawn[:40]  # the title
-    assert np.abs(head - head[0, 0]).max(axis=2).any()
+    for plot in ("error", "map"):
+        browser.find_element(By.CSS_SELECTOR, f'[data-plot="{plot}"] [data-save]').click()
+        WebDriverWait(browser, 30).until(lambda _, plot=plot: [*tmp_path.glob(f"*-{plot}.png")])
+        png = next(tmp_path.glob(f"*-{plot}.png"))
+        WebDriverWait(browser, 30).until(lambda _, png=png: png.stat().st_size)
+        with Image.open(png) as image:
+            assert image.width >= 1600
+            drawn = np.asarray(image.convert("RGB").reduce(2), dtype=int)
+        assert len(np.unique(drawn[::2].reshape(-1, 3), axis=0)) > 50
+        head = drawn[:20]  # the title
+        assert np.abs(head - head[0, 0]).max(axis=2).any()
 
 
 def test_compared_rides_have_ghosts_and_can_be_hidden(opened: Opener, comparison_page: Path) -> None:
@@ -598,7 +590,7 @@ def test_playing_moves_the_cursor_at_the_pace_of_the_ride(opened: Opener, ride_p
     button.click()
     assert button.text == "Pause"
     after(browser, 0, frames=1)
-    for frames in (20, 80):
+    for frames in (10, 40):
         begins = value_of(browser)
         moved = after(browser, 1.0, frames) - begins
         assert moved == pytest.approx(4.0 / 0.05, abs=1), "four seconds of the ride in one, at any rate of frames"
@@ -607,7 +599,7 @@ def test_playing_moves_the_cursor_at_the_pace_of_the_ride(opened: Opener, ride_p
     stands = value_of(browser)
     assert after(browser, 1.0, frames=20) == stands
     button.click()
-    assert after(browser, 20.0, frames=500) == int(plot.get_attribute("aria-valuemax"))
+    assert after(browser, 20.0, frames=100) == int(plot.get_attribute("aria-valuemax"))
     assert button.text == "Play", "it stops at the end"
 
 
@@ -631,12 +623,12 @@ def test_names_do_not_break_the_page(
     elements = """return [document.querySelectorAll(".view").length, document.scripts.length,
       document.querySelectorAll("main img, main script, main h2 b, main td b, [onclick], [onerror]").length]"""
     paths = []
-    for names in (evil_names[:1], evil_names[1:7], evil_names[7:]):  # the first by itself: others would mend it
+    for names in (evil_names[:1], evil_names[1:]):  # the first by itself: others would mend it
         rides = []
         for number, evil in enumerate(names):
-            ride = circle(steps=340, episode=number, events=[{"step": 330, "kind": 2, "text": evil}])
+            ride = circle(steps=170, episode=number, events=[{"step": 165, "kind": 2, "text": evil}])
             ride.course |= {"name": evil, "section_names": [evil, f"{evil} again"]}
-            ride.states["vehicle"] = np.full(340, evil)
+            ride.states["vehicle"] = np.full(170, evil)
             rides.append(ride)
         paths.append(writer.write(tmp_path / f"<b>&{len(paths)}.mcap", rides, metadata_file=False))
         browser = opened(write_page([open_ride(paths[-1])], tmp_path / "page.html"), (1200, 1000))
@@ -920,8 +912,8 @@ def test_an_hour_at_100_hz_loads_and_zooms(opened: Opener, tmp_path: Path, recor
       let steps = 0;
       const tick = () => {
         if (view.parts.some(late)) { requestAnimationFrame(tick); return; }
-        if (steps === 40) { done([steps, performance.now() - start]); return; }
-        view.zoom(steps++ < 20 ? 0.7 : 1 / 0.7, 70000);
+        if (steps === 20) { done([steps, performance.now() - start]); return; }
+        view.zoom(steps++ < 10 ? 0.7 : 1 / 0.7, 70000);
         requestAnimationFrame(tick);
       };
       requestAnimationFrame(tick);""")
