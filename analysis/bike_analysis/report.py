@@ -95,12 +95,10 @@ def analyze(
     if out_dir is not None:
         page, picture = write_report(recordings, several, Path(out_dir))
         figures |= {"page": str(page), "picture": str(picture)}
-    if csv is not None or parquet is not None:
-        table = aligned_table(comparisons)
-        if csv is not None:
-            figures["csv"] = str(write_csv(table, csv))
-        if parquet is not None:
-            figures["parquet"] = str(write_parquet(table, parquet))
+    if csv is not None:
+        figures["csv"] = str(write_table(comparisons, csv))
+    if parquet is not None:
+        figures["parquet"] = str(write_table(comparisons, parquet, parquet=True))
     if video is not None:
         longest = max(rides, key=lambda ride: ride.figures.distance_m)
         figures["video"] = str(write_video(longest, video.path, video.begin_s, video.duration_s))
@@ -240,49 +238,28 @@ def _headline(f: Figures) -> str:
     return " · ".join(parts)
 
 
-def aligned_table(comparisons: Sequence[Comparison]) -> pd.DataFrame:
-    """Put comparisons on several courses into one table.
+def write_table(comparisons: Sequence[Comparison], path: str | os.PathLike[str], parquet: bool = False) -> Path:
+    """Write the aligned tables of comparisons below each other, with the name of the ``course`` in front.
 
     Args:
         comparisons: At least one.
-
-    Returns:
-        The rows of `Comparison.table`, with the name of the ``course`` in front.
-    """
-    parts = []
-    for comparison in comparisons:
-        part = comparison.table.copy(deep=False)
-        part.insert(0, "course", comparison.course)
-        parts.append(part)
-    return parts[0] if len(parts) == 1 else pd.concat(parts, ignore_index=True)
-
-
-def write_csv(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
-    """Write a table as CSV: a line of names, commas, points, ten digits; empty where a value is not known.
+        path: The file; its folder is created.
+        parquet: As Parquet, in full precision; else as CSV: a line of names, commas, points, ten digits, empty where a
+            value is not known.
 
     Raises:
+        ModuleNotFoundError: If Parquet is wanted and pyarrow is not installed.
         OSError: If the file cannot be written.
     """
-    target = _target(path)
-    table.to_csv(target, index=False, float_format="%.10g", errors="backslashreplace")
-    return target
-
-
-def write_parquet(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
-    """Write a table as Parquet, in full precision.
-
-    Raises:
-        ModuleNotFoundError: If pyarrow is not installed.
-        OSError: If the file cannot be written.
-    """
-    if find_spec("pyarrow") is None:
+    if parquet and find_spec("pyarrow") is None:
         raise ModuleNotFoundError("Parquet files need pyarrow: pip install pyarrow", name="pyarrow")
-    target = _target(path)
-    table.to_parquet(target, index=False, compression="zstd")
-    return target
-
-
-def _target(path: str | os.PathLike[str]) -> Path:
-    target = Path(path)
+    parts = [comparison.table.copy(deep=False) for comparison in comparisons]
+    for part, comparison in zip(parts, comparisons, strict=True):
+        part.insert(0, "course", comparison.course)
+    table, target = pd.concat(parts, ignore_index=True), Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
+    if parquet:
+        table.to_parquet(target, index=False, compression="zstd")
+    else:
+        table.to_csv(target, index=False, float_format="%.10g", errors="backslashreplace")
     return target

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import subprocess
-import sys
 from collections import Counter
 from html.parser import HTMLParser
 from pathlib import Path
@@ -188,7 +186,7 @@ def test_picture_has_equal_scales_and_the_course(recorded: Path) -> None:
     assert driven.norm.vmax == pytest.approx(np.abs(ride.states.lateral_error).max())
 
 
-@given(y=hnp.arrays(float, st.integers(1, 3000), elements=st.floats(-1e3, 1e3)), points=st.integers(2, 500))
+@given(y=hnp.arrays(float, st.integers(1, 400), elements=st.floats(-1e3, 1e3)), points=st.integers(2, 100))
 def test_thinning_keeps_extremes_and_order(y: np.ndarray, points: int) -> None:
     x = np.arange(len(y), dtype=float)
     few_x, few_y = thin(x, y, points)
@@ -275,13 +273,3 @@ def test_command_json_is_silent_and_writes_only_where_asked(recorded: Path, tmp_
     assert sorted(p.name for p in tmp_path.iterdir()) == ["mine.mcap"]
     text = json.dumps(result, allow_nan=False)
     assert json.loads(text)["figures"]["truncated"] is False
-
-
-def test_nothing_here_needs_ros() -> None:
-    """Reading and reporting load neither rclpy nor a message package."""
-    code = (
-        "import sys, bike_analysis.report, bike_training.commands.analyze, bike_sim.recording;"
-        "sys.exit(any(m.split('.')[0] in ('rclpy', 'bike_msgs', 'rosidl_parser') for m in sys.modules))"
-    )
-    paths = [str(Path(__file__).parents[2] / p) for p in ("analysis", "ros_ws/src/bike_sim")]
-    subprocess.run([sys.executable, "-c", f"import sys; sys.path[:0] = {paths!r}\n{code}"], check=True)

@@ -162,11 +162,6 @@ class Comparison:
         return labels
 
     @cached_property
-    def columns(self) -> tuple[str, ...]:
-        """Names of the aligned columns."""
-        return tuple(self.values)
-
-    @cached_property
     def values(self) -> dict[str, Floats]:
         """Aligned values by column, shape (runs, stations); NaN where a run was not."""
         aligned = [self._aligned(k, motion_columns(run.ride, _rows(run))) for k, run in enumerate(self.runs)]
@@ -215,7 +210,7 @@ class Comparison:
             KeyError: If there is no such column.
         """
         if name not in self.values:
-            raise KeyError(f"no aligned column {name!r}; there are {', '.join(self.columns)}")
+            raise KeyError(f"no aligned column {name!r}; there are {', '.join(self.values)}")
         return self.values[name]
 
     @cached_property
@@ -240,7 +235,7 @@ class Comparison:
             "lap": 0 if run.lap is None else run.lap.number,
             "station_m": self.station_m[known],
         }
-        return pd.DataFrame(names | {name: self.values[name][index][known] for name in self.columns})
+        return pd.DataFrame(names | {name: column[index][known] for name, column in self.values.items()})
 
     def fastest(self, count: int) -> Comparison:
         """The same with the fastest runs only, the reference among them.

@@ -114,7 +114,7 @@ class Panel:
 
 
 def _panel(key: str, row: dict[str, Any]) -> Panel:
-    values = {name: tuple(value) if isinstance(value, list) else value for name, value in row.items()}
+    values: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in row.items()}
     return Panel(key, **values | {"lines": tuple(PanelLine(**line) for line in row["lines"])})
 
 
