@@ -144,8 +144,6 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.episodes = episodes or episodes_of(self.task, client.vehicle, circuits)
         self._row = row
         self.observation_space, self.action_space = task_spaces(self.task)  # type: ignore[assignment]
-        self._action = self.task.action
-        self._max_steer = self.client.vehicle.max_steer
         self._steps = 0
         self._full_episodes = 0
         self._goes_on = False
@@ -186,7 +184,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             if self.watch is not None:
                 self.watch.begun(request)
         assert self.snapshot is not None
-        return self._observe(self.snapshot), self._info(self.snapshot)
+        return self.rides.observe(rows_of(self.snapshot))[0], self._info(self.snapshot)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Hold an action in [-1, 1], one number per column of the task's action, for one decision."""
@@ -217,7 +215,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         info = self._info(snapshot)
         if terminated or truncated:
             info |= {"request": self._request, "progress": float(snapshot.look[lk.PROGRESS])}
-        return self._observe(snapshot), reward, terminated, truncated, info
+        return self.rides.observe(row)[0], reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
         """Return the vehicle on its course from behind, shape (height, width, 3); None without ``rgb_array``."""
@@ -236,9 +234,6 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def close(self) -> None:
         """Release the simulator."""
         self.client.close()
-
-    def _observe(self, snapshot: Snapshot) -> NDArray[np.float32]:
-        return self.rides.observe(rows_of(snapshot))[0]
 
     def _info(self, snapshot: Snapshot) -> dict[str, Any]:
         return {

@@ -141,7 +141,7 @@ class BatchVecEnv(VecEnv):
         self._reset_seeds()
         for index in range(self.num_envs):
             self._begin(index)
-        return self._observe()
+        return self.rides.observe(self.batch)
 
     def _begin(self, index: int) -> None:
         request = self.episodes.draw(self.rng, self.task.preview, index)
@@ -154,9 +154,6 @@ class BatchVecEnv(VecEnv):
         self.full_episodes[index] = 0
         self.returns[index] = 0.0
 
-    def _observe(self) -> NDArray[np.float32]:
-        return self.rides.observe(self.batch)
-
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Seed the rides that begin with the next reset; all vehicles draw from one generator."""
         self._seeds = [seed] * self.num_envs
@@ -168,7 +165,7 @@ class BatchVecEnv(VecEnv):
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Step every vehicle; rides that ended have started again in the returned observations."""
-        watched = None if self.watch is None else self._observe()[0]
+        watched = None if self.watch is None else self.rides.observe(self.batch)[0]
         self.rides.act(self.batch, self._actions)
         states = []
         for _ in range(self.task.repeat):
@@ -183,7 +180,7 @@ class BatchVecEnv(VecEnv):
         rewards = sum_of(terms).astype(np.float32)
         self.returns += rewards
         truncated = ~terminated & (self.steps >= self.task.max_steps)
-        observations = self._observe()
+        observations = self.rides.observe(self.batch)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         ended = terminated | truncated
         for index in np.flatnonzero(ended):
@@ -201,7 +198,7 @@ class BatchVecEnv(VecEnv):
             else:
                 self._begin(int(index))
         if ended.any():
-            observations = self._observe()
+            observations = self.rides.observe(self.batch)
         return observations, rewards, ended, infos
 
     def close(self) -> None:

@@ -78,32 +78,28 @@ def checked_request(message: Any) -> dict[str, Any] | None:
     Args:
         message: what the page sent, decoded from JSON.
     """
-    if not isinstance(message, dict):
+    kind = message.get("type") if isinstance(message, dict) else None
+    if not isinstance(kind, str) or kind not in _REQUESTS:
         return None
-    kind = message.get("type")
-    if kind == "input":
-        values = {name: _within(message.get(name), -1.0, 1.0) for name in ("steering", "throttle")}
-    elif kind == "pace":
-        values = {"factor": _within(message.get("factor"), *PACES)}
-    elif kind == "pause":
-        values = {"on": _flag(message.get("on"))}
-    elif kind == "rider":
-        values = {"hands": _flag(message.get("hands")), "balance": _flag(message.get("balance"))}
-    elif kind in ("step", "reset"):
-        values = {}
-    else:
-        return None
+    values = {name: _checked(message.get(name), bounds) for name, bounds in _REQUESTS[kind].items()}
     return None if None in values.values() else {"type": kind, **values}
 
 
-def _within(value: Any, low: float, high: float) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
-        return None
-    return float(min(max(value, low), high))
+_REQUESTS: Final[dict[str, dict[str, tuple[float, float] | None]]] = {
+    "input": {"steering": (-1.0, 1.0), "throttle": (-1.0, 1.0)},
+    "pace": {"factor": PACES},
+    "pause": {"on": None},
+    "rider": {"hands": None, "balance": None},
+    "step": {},
+    "reset": {},
+}
+"""What a page may ask for, each with its numbers and their bounds; values without bounds are true or false."""
 
 
-def _flag(value: Any) -> bool | None:
-    return value if isinstance(value, bool) else None
+def _checked(value: Any, bounds: tuple[float, float] | None) -> float | bool | None:
+    if bounds is None or isinstance(value, bool):
+        return value if bounds is None and isinstance(value, bool) else None
+    return float(min(max(value, bounds[0]), bounds[1])) if isinstance(value, int | float) and value == value else None
 
 
 class LiveThread(ABC):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -84,8 +85,8 @@ class LiveWatch(LiveThread):
         # Before the subscriptions: a matched simulator knows where to send its answers; earlier ones are dropped.
         self._pause_service = node.create_client(Pause, "pause")
         self._reset_service = node.create_client(Reset, "reset")
-        subscribe(node, EpisodeStart, "episode", self._on_episode, node_tools.LATCHED_QOS)
-        subscribe(node, CourseMessage, "course", self._on_course, node_tools.LATCHED_QOS)
+        subscribe(node, EpisodeStart, "episode", partial(setattr, self, "_start"), node_tools.LATCHED_QOS)
+        subscribe(node, CourseMessage, "course", partial(setattr, self, "_course_message"), node_tools.LATCHED_QOS)
         subscribe(node, RideEvent, "events", self._events.append, node_tools.EVENT_QOS)
         states = RawSubscription(node, BikeState, node_tools.SCREEN_STATE, node_tools.SCREEN_QOS)
         try:
@@ -190,12 +191,6 @@ class LiveWatch(LiveThread):
         response = future.result()
         if response is not None and not response.success:
             self._report({"event": f"restart refused: {response.message}"})
-
-    def _on_episode(self, message: EpisodeStart) -> None:
-        self._start = message
-
-    def _on_course(self, message: CourseMessage) -> None:
-        self._course_message = message
 
 
 def _same_line(one: Course | None, other: Course | None) -> bool:
