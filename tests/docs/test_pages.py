@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from catkin_pkg.package import parse_package
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -117,6 +118,9 @@ def test_the_version_is_the_same_everywhere() -> None:
     assert re.findall(r"^## \[(.+?)\]", change_log, re.MULTILINE) == ["Unreleased", version]
     assert set(re.findall(r"^### (.+)$", change_log, re.MULTILINE)) <= {"Added", "Changed", "Fixed", "Removed"}
     for path in PACKAGES:
+        warnings: list[str] = []
+        assert parse_package(str(path), warnings=warnings).name == path.parent.name
+        assert warnings == []
         assert f"<version>{version}</version>" in path.read_text(), path
         assert version in (path.parent / "CHANGELOG.rst").read_text(), path
         assert "Quality Level 4" in (path.parent / "QUALITY_DECLARATION.md").read_text()

@@ -25,5 +25,5 @@ def test_colcon_runs_the_tests_of_the_packages(tmp_path: Path) -> None:
     found = subprocess.run(result, cwd=ROOT, env=environment, capture_output=True, text=True)
     assert (found.returncode, found.stdout.strip().splitlines()[-1]) == (
         0,
-        "Summary: 2 tests, 0 errors, 0 failures, 0 skipped",
+        "Summary: 6 tests, 0 errors, 0 failures, 0 skipped",
     ), shown.stdout
