@@ -2,6 +2,7 @@
 
 import json
 import re
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -53,6 +54,21 @@ def test_foxglove_shows_fields_that_exist(path: str) -> None:
     assert field in fields(TOPIC_TYPES[topic])
 
 
+@pytest.mark.parametrize("name", ["ride", "superbike"])
+def test_the_line_of_the_page_makes_a_layout_of_another_namespace(name: str, tmp_path: Path) -> None:
+    page = (ROOT / "docs/how-to/watch-and-steer.md").read_text(encoding="utf-8")
+    (line,) = re.findall(r"^sed .*?> second.json$", page, re.MULTILINE | re.DOTALL)
+    subprocess.run(line.replace("ride.json", f"{name}.json"), shell=True, cwd=_clone(tmp_path), check=True)
+    texts = [text for _, text in strings(json.loads((tmp_path / "second.json").read_text()))]
+    assert not any("/bike/" in text or text == "base_footprint" for text in texts)
+    assert sum(text.startswith("/second/") for text in texts) >= 8
+
+
+def _clone(folder: Path) -> Path:
+    (folder / "ros_ws").symlink_to(ROOT / "ros_ws")
+    return folder
+
+
 @pytest.mark.parametrize("layout", [LAYOUT, SUPERBIKE])
 def test_foxglove_places_every_panel_that_it_configures_and_no_other(layout: Any) -> None:
     placed = [text for key, text in strings(layout["layout"]) if key in ("first", "second")]
@@ -69,7 +85,7 @@ def test_rviz_shows_topics_of_the_namespace_in_the_world_frame() -> None:
     config = yaml.safe_load((BRINGUP / "rviz" / "ride.rviz").read_text())["Visualization Manager"]
     assert config["Global Options"]["Fixed Frame"] == "map"
     topics = {display["Topic"]["Value"] for display in config["Displays"] if "Topic" in display}
-    assert topics == {"/bike/course_marker", "/bike/markers", "/bike/odom"}
+    assert topics == {"course_marker", "markers", "odom"}
 
 
 # ------------------------------------------------------------------------------------- against what the nodes publish
@@ -125,7 +141,7 @@ def test_rviz_topics_are_published_with_the_type_of_their_display(messages) -> N
     for display in RVIZ["Displays"]:
         if "Topic" in display:
             shown = display["Class"].removeprefix("rviz_default_plugins/")
-            assert messages[display["Topic"]["Value"]][0].name.rpartition("/")[2] == shown
+            assert messages[f"/bike/{display['Topic']['Value']}"][0].name.rpartition("/")[2] == shown
 
 
 @pytest.mark.ros

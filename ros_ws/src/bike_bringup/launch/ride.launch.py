@@ -24,6 +24,7 @@ def arguments() -> list[DeclareLaunchArgument]:
             default_value=str(SHARE / "config" / "ride.yaml"),
             description="YAML file with the parameters of all nodes",
         ),
+        DeclareLaunchArgument("namespace", default_value="bike", description="namespace of all nodes"),
         DeclareLaunchArgument("record", default_value="true", description="true: record the ride"),
         DeclareLaunchArgument("recording", default_value="ride.mcap", description="file that the recorder writes"),
         DeclareLaunchArgument("rviz", default_value="false", description="true: show the ride in RViz"),
@@ -32,7 +33,7 @@ def arguments() -> list[DeclareLaunchArgument]:
 
 def generate_launch_description() -> LaunchDescription:
     """Describes the processes of one ride."""
-    parameters = LaunchConfiguration("parameters")
+    parameters, namespace = LaunchConfiguration("parameters"), LaunchConfiguration("namespace")
     return LaunchDescription(
         [
             *arguments(),
@@ -44,14 +45,22 @@ def generate_launch_description() -> LaunchDescription:
             Node(
                 package="bike_sim",
                 executable="sim_node",
+                namespace=namespace,
                 parameters=[parameters],
                 output="screen",
                 on_exit=Shutdown(reason="the simulator has ended"),
             ),
-            Node(package="bike_policy", executable="drive", parameters=[parameters], output="screen"),
+            Node(
+                package="bike_policy",
+                executable="drive",
+                namespace=namespace,
+                parameters=[parameters],
+                output="screen",
+            ),
             Node(
                 package="bike_sim",
                 executable="record",
+                namespace=namespace,
                 parameters=[parameters, {"path": LaunchConfiguration("recording")}],
                 condition=IfCondition(LaunchConfiguration("record")),
                 output="screen",
@@ -59,6 +68,7 @@ def generate_launch_description() -> LaunchDescription:
             Node(
                 package="rviz2",
                 executable="rviz2",
+                namespace=namespace,
                 arguments=["-d", str(SHARE / "rviz" / "ride.rviz")],
                 parameters=[{"use_sim_time": True}],
                 condition=IfCondition(LaunchConfiguration("rviz")),
