@@ -67,11 +67,6 @@ class Standing:
     ranges: RideRanges | None
 
 
-def task_note(task: Task) -> str:
-    """Return the task's settings as JSON, with the layout of the observation under ``layout``."""
-    return json.dumps(task.to_card())
-
-
 @contextmanager
 def _warning_of_disk(path: Path, end: Callable[[], None] = lambda: None) -> Iterator[None]:
     """Turn a refusal of the disk into a warning, for no recording is worth the training.
@@ -120,7 +115,7 @@ class EpisodeWriter:
         self._rides.begin(0, rows_of(self.snapshot), request, simulator.course)
         config = simulator.config
         self._facts = messages.Episode.of(simulator.vehicle, simulator.course, request.preview, config.control_period)
-        self._open(path, {"rider": rider, "layout": task.layout.name, "task": task_note(task)})
+        self._open(path, {"rider": rider, "layout": task.layout.name, "task": json.dumps(task.to_card())})
         number, stamp = self.snapshot.episode, self._stamp_of(self.snapshot)
         names = simulator.plant.signal_names
         self._write("episode", messages.episode_start_to_message(request, config, names, number, stamp), stamp)
@@ -164,16 +159,8 @@ class EpisodeWriter:
             standing: progress of learning then.
             deterministic: whether the action is the mean of the policy.
         """
-        before, stamp = self.snapshot, self._stamp_of(self.snapshot)
+        before = self.snapshot
         self._rides.act(rows_of(before), action[None])
-        learned = _standing_message(standing)
-        learned.header.stamp = node_tools.time_to_message(stamp)
-        learned.episode, learned.step = before.episode, before.step
-        learned.deterministic = deterministic
-        learned.feature_names = list(self._task.layout.names)
-        learned.observation = array("f", observation.tobytes())
-        learned.action = array("f", action.tolist())
-        learned.steer_set = float(action[0]) * self._task.action.columns[0].scale
         held: list[tuple[Snapshot, Command]] = []
         while len(held) < self._task.repeat and not self.snapshot.fallen:
             command = self._rides.commands(rows_of(self.snapshot))[0].tolist()
@@ -181,26 +168,23 @@ class EpisodeWriter:
             self.snapshot = self._simulator.step(*command)
             self._rides.advance(rows_of(self.snapshot))
             held.append((self.snapshot, given))
+        learned = self._learned(before, observation, action, standing)
+        learned.deterministic = deterministic
         learned.steering = held[0][1].steering if held else 0.0
-        self._judge(learned)
-        self._write_held(before, held, learned)
+        # In the order of time; what was learned stands before its states.
+        for place, (snapshot, given) in enumerate(held):
+            stamp = self._stamp_of(before)
+            self._write_bytes("command", messages.encode_command(given, stamp), stamp)
+            if place == 0:
+                self._write("learning/step", learned, stamp)
+            self._write_state(snapshot, self._stamp_of(snapshot))
+            self._write_events(snapshot)
+            before = snapshot
         return [snapshot for snapshot, _ in held]
 
     def observe(self) -> NDArray[np.float32]:
         """Return what a policy sees now."""
         return self._rides.observe(rows_of(self.snapshot))[0]
-
-    def _write_held(self, before: Snapshot, held: Sequence[tuple[Snapshot, Command]], learned: LearningStep) -> None:
-        """Write the control periods of a decision in the order of time; what was learned stands before its states."""
-        for snapshot, given in held:
-            stamp = self._stamp_of(before)
-            self._write_bytes("command", messages.encode_command(given, stamp), stamp)
-            if snapshot is held[0][0]:
-                self._write("learning/step", learned, stamp)
-            stamp = self._stamp_of(snapshot)
-            self._write_state(snapshot, stamp)
-            self._write_events(snapshot)
-            before = snapshot
 
     def _write_events(self, snapshot: Snapshot) -> None:
         stamp = self._stamp_of(snapshot)
@@ -211,19 +195,34 @@ class EpisodeWriter:
         """Finish the file."""
         self._recorder.close()
 
-    def _judge(self, message: LearningStep) -> None:
-        """Say what the step was worth and whether an episode of learning ended with it."""
+    def _learned(
+        self, before: Snapshot, observation: NDArray[np.float32], action: NDArray[np.floating], standing: Standing
+    ) -> LearningStep:
+        """Return what the step was worth and whether an episode of learning ended with it."""
         terms, failed = self._rides.evaluate(rows_of(self.snapshot))
         self.failed = bool(failed[0])
+        message = LearningStep(episode=before.episode, step=before.step)
+        message.header.stamp = node_tools.time_to_message(self._stamp_of(before))
+        message.feature_names = list(self._task.layout.names)
+        message.observation, message.action = array("f", observation.tobytes()), array("f", action.tolist())
+        message.steer_set = float(action[0]) * self._task.action.columns[0].scale
         message.reward_names = list(terms)
         message.reward_terms = array("d", (float(term[0]) for term in terms.values()))
         message.reward = float(sum_of(terms)[0])
+        message.learning_step, message.part = standing.step, standing.part
+        if standing.ranges is not None:
+            sets = (standing.ranges, *standing.ranges.also)
+            message.speed_min = array("d", (ranges.speed[0] for ranges in sets))
+            message.speed_max = array("d", (ranges.speed[1] for ranges in sets))
+            for spec in fields(PathRanges):
+                setattr(message, spec.name, array("d", (getattr(ranges.paths, spec.name) for ranges in sets)))
         message.learning_episode, message.learning_episode_step = self._episode, self._episode_step
         self._episode_step += 1
         message.terminated = self.failed
         message.truncated = not self.failed and self._episode_step == self._full_episode
         if message.truncated:
             self._episode, self._episode_step = self._episode + 1, 0
+        return message
 
     def _stamp_of(self, snapshot: Snapshot) -> int:
         """Simulated time of a state, ns. Rides begin after one period, as those of the node do."""
@@ -236,19 +235,6 @@ class EpisodeWriter:
 
     def _write_bytes(self, name: str, data: bytes, stamp: int) -> None:
         self._recorder.write(f"/bike/{name}", data, stamp)
-
-
-def _standing_message(standing: Standing) -> LearningStep:
-    message = LearningStep()
-    message.learning_step, message.part = standing.step, standing.part
-    if standing.ranges is None:
-        return message
-    sets = (standing.ranges, *standing.ranges.also)
-    message.speed_min = array("d", (ranges.speed[0] for ranges in sets))
-    message.speed_max = array("d", (ranges.speed[1] for ranges in sets))
-    for spec in fields(PathRanges):
-        setattr(message, spec.name, array("d", (getattr(ranges.paths, spec.name) for ranges in sets)))
-    return message
 
 
 def record_ride(
