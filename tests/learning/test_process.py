@@ -82,8 +82,10 @@ def test_learning_learns(tmp_path):
     assert late > 2.0 * early
 
 
-def test_a_folder_with_a_run_is_not_overwritten(tmp_path):
+def test_a_folder_with_a_run_is_not_overwritten_and_an_empty_one_not_resumed(tmp_path):
     settings = learner_settings()
+    with pytest.raises(FileNotFoundError, match="no checkpoint"):
+        LearningProcess(settings, tmp_path, 8, resume=True)
     LearningProcess(settings, tmp_path, 8).run()
     with pytest.raises(ValueError, match="already holds a run"):
         LearningProcess(settings, tmp_path, 8)
@@ -129,11 +131,6 @@ def test_a_signal_stops_with_a_whole_checkpoint(tmp_path):
     assert resumed.model.num_timesteps == 400
     np.testing.assert_array_equal(weights(resumed), weights(process))
     resumed.close()
-
-
-def test_nothing_to_resume(tmp_path):
-    with pytest.raises(FileNotFoundError, match="no checkpoint"):
-        LearningProcess(learner_settings(), tmp_path, 8, resume=True)
 
 
 def tiny_process(folder: Path, **changes) -> LearningProcess:
@@ -315,16 +312,18 @@ def test_a_kill_between_the_renames_of_a_checkpoint_costs_nothing(survivor, tmp_
     assert sorted(path.name for path in tmp_path.glob("checkpoint*")) == ["checkpoint"]
 
 
-@pytest.mark.parametrize("name", CHECKPOINT_FILES)
-def test_a_damaged_checkpoint_is_named(name, tmp_path):
+def test_a_damaged_checkpoint_is_named(tmp_path):
     process = tiny_process(tmp_path)
     process.steps = 40
     process.run()
-    path = tmp_path / "checkpoint" / name
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    with pytest.raises(ValueError, match=rf"{name} cannot be read .*damaged") as told:
-        LearningProcess(process.settings, tmp_path, 60, resume=True)
-    assert "\n" not in str(told.value)
+    for name in CHECKPOINT_FILES:
+        path = tmp_path / "checkpoint" / name
+        whole = path.read_bytes()
+        path.write_bytes(whole[: len(whole) // 2])
+        with pytest.raises(ValueError, match=rf"{name} cannot be read .*damaged") as told:
+            LearningProcess(process.settings, tmp_path, 60, resume=True)
+        assert "\n" not in str(told.value)
+        path.write_bytes(whole)
 
 
 class Closed:
@@ -388,23 +387,15 @@ def test_all_is_closed_when_the_last_checkpoint_cannot_be_written(broken, tmp_pa
     assert not open_files(tmp_path)
 
 
-def test_a_process_can_be_asked_after_its_run(tmp_path):
+def test_a_process_can_be_asked_after_its_run_and_tells_what_the_task_measures(tmp_path):
     process = tiny_process(tmp_path, engine="pybullet")
     process.steps = 20
+    assert process.words() == "part 1"
     process.run(lambda p: p.validate() if p.model.num_timesteps == 10 else None)
     process.validate()
+    assert process.words() == f"part 1, validation {process.progress.recent_error_m:.3f} error_m"
     process.close()
     assert len((tmp_path / "validations.csv").read_text().splitlines()) == 3
-
-
-def test_progress_tells_the_error_in_what_the_task_measures(tmp_path):
-    process = tiny_process(tmp_path)
-    try:
-        assert process.words() == "part 1"
-        process.validate()
-        assert process.words() == f"part 1, validation {process.progress.recent_error_m:.3f} error_m"
-    finally:
-        process.close()
 
 
 @pytest.mark.parametrize("step", [0, 30])

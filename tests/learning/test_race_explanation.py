@@ -56,26 +56,18 @@ def test_a_linear_policy_has_the_values_of_the_closed_form() -> None:
     np.testing.assert_allclose(found.values, expected, atol=2e-8)
 
 
-def test_a_block_without_weights_has_no_value(tmp_path: Path) -> None:
+def test_blocks_without_weights_or_without_changes_have_no_value(tmp_path: Path) -> None:
     bundle, observations = made_up(3)
-    number = GUIDED.terms.index("stations")
     tensors = bundle.actor.tensors()
     tensors["layers.0.weight"][:, GUIDED.places["stations"]] = 0.0
+    observations[:, GUIDED.places["limits"]] = 0.3
     found = explain(replace(bundle, actor=Actor.from_tensors(tensors)), observations, **SMALL)
-    assert np.abs(found.values[:, number]).max() < 1e-8
+    for name in ("stations", "limits"):
+        assert np.abs(found.values[:, GUIDED.terms.index(name)]).max() < 1e-8
+    assert found.steady == ("limits",)
     assert np.abs(found.values).max() > 1e-3
     draw_blocks(found, "made up", tmp_path / "blocks.png")
     assert (tmp_path / "blocks.png").stat().st_size > 10_000
-
-
-def test_a_block_that_stays_the_same_is_named() -> None:
-    bundle, observations = made_up(4)
-    assert explain(bundle, observations, **SMALL).steady == ()
-    number = GUIDED.terms.index("limits")
-    observations[:, GUIDED.places["limits"]] = 0.3
-    found = explain(bundle, observations, **SMALL)
-    assert found.steady == ("limits",)
-    assert np.abs(found.values[:, number]).max() < 1e-8
 
 
 def test_who_looks_on_sees_what_who_rides_sees() -> None:
