@@ -1,14 +1,16 @@
 """Speed of the environments on one core: physics, projection, preview, observation and reward together.
 
-Processor time of the steps is counted. Rides are steered by a linear balancing law, so that they last: speed in free
-fall is not the speed of riding.
+Processor time of the steps is counted, of the best of some rounds. Rides are steered by a linear balancing law, so that
+they last: speed in free fall is not the speed of riding.
 """
 
 from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable, Generator
 from dataclasses import replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -30,161 +32,112 @@ from bike_training.tasks.path import TASKS
 
 SPEED: Final = 5.0
 """m/s; the bicycle balances itself there, so that a ride lasts without a policy."""
-
+RANGES: Final = RideRanges((SPEED, SPEED), CURRICULUM_PATHS[0])
 ROUNDS: Final = 5
-
 SUPERBIKE: Final = "panigale_v4r"
 SUSPENDED: Final = "gsxr1000"
 CIRCUIT: Final = "barcelona"
 
+Ride = Generator[Callable[[], Any], Any, None]
+"""Yields what is timed, a step, and gets what it returned."""
 
-def gymnasium_speed(time_step: float, engine: str = "pybullet", steps: int = 400) -> float:
-    """Return steps per second of the Gymnasium environment with the paper's observation, the best of some rounds.
+
+def step_time(ride: Callable[[int], Ride], steps: int) -> float:
+    """Return the processor time of a step, s, of the best round.
 
     Args:
-        time_step: integration step, s.
-        engine: physics engine.
+        ride: begins the ride of a round by its number.
         steps: steps of a round.
     """
-    config = SimulatorConfig(engine=engine, time_step=time_step)
-    env = BikeEnv("local", TASKS["prop"], RideRanges((SPEED, SPEED), CURRICULUM_PATHS[0]), config)
-    best = 0.0
-    for seed in range(ROUNDS):
-        env.reset(seed=seed)
-        spent = 0.0
-        for _ in range(steps):
-            assert env.snapshot is not None
-            roll, roll_rate = env.snapshot.state[ROLL], env.snapshot.state[ROLL_RATE]
-            action = np.array([np.clip(-0.4 * roll - 0.1 * roll_rate, -1.0, 1.0)], dtype=np.float32)
-            begun = time.process_time()
-            _, _, terminated, truncated, _ = env.step(action)
-            spent += time.process_time() - begun
-            if terminated or truncated:
-                env.reset()
-        best = max(best, steps / spent)
-    env.close()
-    return best
-
-
-def vector_speed(count: int = 64, steps: int = 100) -> float:
-    """Return steps per second of all bicycles of the compiled vector environment together, the best of some rounds.
-
-    Args:
-        count: number of bicycles.
-        steps: steps of a round.
-    """
-    ranges = RideRanges((SPEED, SPEED), CURRICULUM_PATHS[0])
-    config = SimulatorConfig(engine="whipple", time_step=0.01)
-    best = 0.0
-    for seed in range(ROUNDS):
-        env = BatchVecEnv(count, TASKS["prop"], ranges, config, seed)
-        env.reset()
-        env.step(np.zeros((count, 1), dtype=np.float32))
-        begun, falls = time.process_time(), 0
-        for _ in range(steps):
-            states = env.batch.state
-            actions = np.clip(-0.4 * states[:, ROLL] - 0.1 * states[:, ROLL_RATE], -1.0, 1.0).astype(np.float32)[
-                :, None
-            ]
-            falls += int(env.step(actions)[2].sum())
-        spent = time.process_time() - begun
-        best = max(best, count * steps / spent)
-        assert falls < count, "the balancing law must keep the bicycles up"
-    return best
-
-
-def superbike_speed(steps: int = 2000) -> float:
-    """Return the time of a control step of a superbike on a circuit, with all that it sees, us, the best of rounds.
-
-    Args:
-        steps: steps of a round, ridden by the classical rider from the start line on.
-    """
-    machine = Simulator(superbike_config(SUPERBIKE))
-    rider, request = ClassicalRider(), machine.at_own_speed(ResetRequest(course=CIRCUIT))
     best = math.inf
-    for _ in range(ROUNDS):
-        snapshot = machine.reset(request)
-        assert machine.course is not None
-        rider.begin(machine.vehicle, machine.course, machine.config.control_period, machine.preview)
-        spent = 0.0
+    for number in range(ROUNDS):
+        work, found, spent = ride(number), None, 0.0
         for _ in range(steps):
-            command = rider.command(snapshot)
-            assert command is not None
+            step = work.send(found)
             begun = time.process_time()
-            snapshot = machine.step(*command)
+            found = step()
             spent += time.process_time() - begun
-        assert not snapshot.fallen, "the rider must stay on the track"
-        best = min(best, 1e6 * spent / steps)
-    machine.close()
+        work.close()
+        best = min(best, spent / steps)
     return best
 
 
-def superbike_reset(resets: int = 50) -> float:
-    """Return the time of a reset of a superbike on a circuit whose line is known, us, the best of some rounds.
+def gymnasium(time_step: float, seed: int) -> Ride:
+    """Ride the Gymnasium environment with the paper's observation, in PyBullet."""
+    env = BikeEnv("local", TASKS["prop"], RANGES, SimulatorConfig(time_step=time_step))
+    env.reset(seed=seed)
+    while True:
+        assert env.snapshot is not None
+        roll, roll_rate = env.snapshot.state[[ROLL, ROLL_RATE]]
+        action = np.array([np.clip(-0.4 * roll - 0.1 * roll_rate, -1.0, 1.0)], dtype=np.float32)
+        _, _, terminated, truncated, _ = yield partial(env.step, action)
+        if terminated or truncated:
+            env.reset()
 
-    Args:
-        resets: resets of a round.
-    """
+
+def vector(count: int, seed: int) -> Ride:
+    """Ride bicycles of the compiled vector environment."""
+    env = BatchVecEnv(count, TASKS["prop"], RANGES, SimulatorConfig(engine="whipple", time_step=0.01), seed)
+    env.reset()
+    falls = 0
+    while falls < count:
+        states = env.batch.state
+        actions = np.clip(-0.4 * states[:, [ROLL]] - 0.1 * states[:, [ROLL_RATE]], -1.0, 1.0).astype(np.float32)
+        falls += int((yield partial(env.step, actions))[2].sum())
+    raise AssertionError("the balancing law must keep the bicycles up")
+
+
+def superbike(_: int) -> Ride:
+    """Ride a superbike on a circuit, by the classical rider from the start line on."""
+    machine, rider = Simulator(superbike_config(SUPERBIKE)), ClassicalRider()
+    snapshot = machine.reset(machine.at_own_speed(ResetRequest(course=CIRCUIT)))
+    assert machine.course is not None
+    rider.begin(machine.vehicle, machine.course, machine.config.control_period, machine.preview)
+    while not snapshot.fallen:
+        command = rider.command(snapshot)
+        assert command is not None
+        snapshot = yield partial(machine.step, *command)
+    raise AssertionError("the rider must stay on the track")
+
+
+def superbike_resets(_: int) -> Ride:
+    """Reset a superbike on a circuit whose line is known."""
     machine = Simulator(superbike_config(SUPERBIKE))
     request = machine.at_own_speed(ResetRequest(course=CIRCUIT))
     machine.reset(request)
-    best = math.inf
-    for _ in range(ROUNDS):
-        begun = time.process_time()
-        for _ in range(resets):
-            machine.reset(request)
-        best = min(best, 1e6 * (time.process_time() - begun) / resets)
-    machine.close()
-    return best
+    while True:
+        yield partial(machine.reset, request)
 
 
-def superbike_batch_speed(count: int = 32, steps: int = 100, vehicle: str = SUPERBIKE) -> float:
-    """Return control steps per second of all superbikes of a compiled batch together, the best of some rounds.
-
-    They begin all around the circuit and keep near its median by asking for the lean of its curvature.
-
-    Args:
-        count: number of superbikes.
-        steps: steps of a round.
-        vehicle: name of the superbike.
-    """
-    config = replace(superbike_config(vehicle), engine="compiled")
-    batch = Batch(count, config)
-    places = np.linspace(0.0, 0.966 * load_track(CIRCUIT).length, count)
-    best = 0.0
-    for _ in range(ROUNDS):
-        for row, progress in enumerate(places):
-            batch.reset(row, ResetRequest(course=CIRCUIT, progress=float(progress), speed_share=0.6, line=0.0))
-        spent = 0.0
-        for _ in range(steps):
-            speed, error, turned, bend = batch.look[:, [lk.SPEED, lk.LATERAL_ERROR, lk.HEADING_ERROR, lk.CURVATURE]].T
-            lean = np.arctan(bend * speed**2 / GRAVITY) - 0.02 * error - 0.5 * turned
-            commands = np.stack([np.clip(lean / math.radians(60.0), -1.0, 1.0), np.full(count, 0.05)], axis=1)
-            begun = time.process_time()
-            batch.step(commands)
-            spent += time.process_time() - begun
-        assert batch.fallen.sum() < count // 4, "most must ride to the end"
-        best = max(best, count * steps / spent)
-    batch.close()
-    return best
+def superbike_batch(count: int, vehicle: str, _: int) -> Ride:
+    """Ride superbikes all around the circuit, near its median by the lean of its curvature, in a compiled batch."""
+    batch = Batch(count, replace(superbike_config(vehicle), engine="compiled"))
+    for row, progress in enumerate(np.linspace(0.0, 0.966 * load_track(CIRCUIT).length, count)):
+        batch.reset(row, ResetRequest(course=CIRCUIT, progress=float(progress), speed_share=0.6, line=0.0))
+    while batch.fallen.sum() < count // 4:
+        speed, error, turned, bend = batch.look[:, [lk.SPEED, lk.LATERAL_ERROR, lk.HEADING_ERROR, lk.CURVATURE]].T
+        lean = np.arctan(bend * speed**2 / GRAVITY) - 0.02 * error - 0.5 * turned
+        commands = np.stack([np.clip(lean / math.radians(60.0), -1.0, 1.0), np.full(count, 0.05)], axis=1)
+        yield partial(batch.step, commands)
+    raise AssertionError("most must ride to the end")
 
 
-def measure(scale: float = 1.0) -> dict[str, Any]:
+def measure(scale: float = 1.0) -> dict[str, float]:
     """Return all figures of this module.
 
     Args:
         scale: factor on the number of steps of each round.
     """
 
-    def steps(count: int) -> int:
-        return max(1, round(scale * count))
+    def took(ride: Callable[[int], Ride], steps: int) -> float:
+        return step_time(ride, max(1, round(scale * steps)))
 
     return {
-        "gymnasium_pybullet_5ms_steps_per_s": gymnasium_speed(0.005, steps=steps(400)),
-        "gymnasium_pybullet_1ms_steps_per_s": gymnasium_speed(0.001, steps=steps(400)),
-        "vector_of_64_compiled_steps_per_s": vector_speed(64, steps(100)),
-        "superbike_step_us": superbike_speed(steps(2000)),
-        "superbike_reset_us": superbike_reset(steps(50)),
-        "superbike_batch_of_32_steps_per_s": superbike_batch_speed(32, steps(100)),
-        "suspended_batch_of_32_steps_per_s": superbike_batch_speed(32, steps(100), SUSPENDED),
+        "gymnasium_pybullet_5ms_steps_per_s": 1.0 / took(partial(gymnasium, 0.005), 400),
+        "gymnasium_pybullet_1ms_steps_per_s": 1.0 / took(partial(gymnasium, 0.001), 400),
+        "vector_of_64_compiled_steps_per_s": 64.0 / took(partial(vector, 64), 100),
+        "superbike_step_us": 1e6 * took(superbike, 2000),
+        "superbike_reset_us": 1e6 * took(superbike_resets, 50),
+        "superbike_batch_of_32_steps_per_s": 32.0 / took(partial(superbike_batch, 32, SUPERBIKE), 100),
+        "suspended_batch_of_32_steps_per_s": 32.0 / took(partial(superbike_batch, 32, SUSPENDED), 100),
     }

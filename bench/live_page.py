@@ -3,7 +3,7 @@
 A simulator and the policy node ride in lockstep at full speed. In short windows, they ride alone, with a watcher
 (`bike live --attach`) without a page, alone again, with its page in headless Chromium, which draws in software, and so
 on. Each window that is watched is compared with the windows alone before and after it, so that what drifts in the
-meantime falls out. Figures are the medians of these ratios with their 95 % bootstrap intervals.
+meantime falls out. Figures are the medians of these ratios with their quartiles.
 
 The figure that counts is the simulator's own processor time for a control step: wall-clock rates also hold what other
 programs, Chromium among them, take of the processors. Steps and their rate are the simulator's own, from its
@@ -21,12 +21,11 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
-from scipy.stats import bootstrap
 from selenium import webdriver
 from tqdm import tqdm
 
@@ -53,28 +52,14 @@ PAGE_SIZE: Final = (1440, 900)
 """Pixels."""
 
 
-class Report(NamedTuple):
-    """The simulator's account of itself.
-
-    Attributes:
-        steps: control steps since it began.
-        rate: of late, 1/s.
-        time: processor time since it began, s.
-        status: its message.
-    """
-
-    steps: int
-    rate: float
-    time: float
-    status: str
-
-
 class Ride(ExitStack):
     """A simulator and a policy in a domain of their own, and the simulator's account of itself.
 
     Attributes:
         domain: ROS domain.
-        reports: newest last; the listener's thread adds to it.
+        reports: control steps and processor time, s, since it began, and its rate of late, 1/s; newest last. The
+            listener's thread adds to it.
+        status: its last message.
     """
 
     def __init__(self, simulator: dict[str, Any], rider: dict[str, Any]) -> None:
@@ -85,7 +70,8 @@ class Ride(ExitStack):
             self.enter_context(NodeProcess("bench.live_page", simulator, self.domain)),
             self.enter_context(NodeProcess("bike_policy.drive", rider, self.domain)),
         ]
-        self.reports: list[Report] = []
+        self.reports: list[tuple[float, float, float]] = []
+        self.status = "it reports nothing"
         node, left = node_tools.GuestNode("meter", self.domain), threading.Event()
         self.callback(node.close)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, node_tools.EVENT_QOS)
@@ -103,8 +89,10 @@ class Ride(ExitStack):
         for status in message.status:
             if status.name.endswith("sim_node"):
                 values = {value.key: value.value for value in status.values}
-                steps, rate = int(values["control_steps"]), float(values["control_steps_per_s"])
-                self.reports.append(Report(steps, rate, float(values["processor_time_s"]), status.message))
+                names = ("control_steps", "processor_time_s", "control_steps_per_s")
+                steps, used, rate = (float(values[name]) for name in names)
+                self.reports.append((steps, used, rate))
+                self.status = status.message
 
     def wait(self, reports: int) -> None:
         """Wait until there are reports, with steps between them: the policy may still start, on a busy machine.
@@ -114,13 +102,12 @@ class Ride(ExitStack):
             RuntimeError: there are no reports, or no steps, in REPORT_TIMEOUT.
         """
         until = time.monotonic() + REPORT_TIMEOUT
-        while len(self.reports) < reports or self.reports[-1].steps == self.reports[-reports].steps:
+        while len(self.reports) < reports or self.reports[-1][0] == self.reports[-reports][0]:
             time.sleep(0.02)
             for node in self._nodes:
                 node.check()
             if time.monotonic() > until:
-                status = self.reports[-1].status if self.reports else "it reports nothing"
-                raise RuntimeError(f"the simulator makes no steps: {status}")
+                raise RuntimeError(f"the simulator makes no steps: {self.status}")
 
     def window(self) -> FloatArray:
         """Return the rate, 1/s, and the simulator's processor time for a step, s: medians between reports of now.
@@ -130,7 +117,7 @@ class Ride(ExitStack):
         time.sleep(SETTLING)
         self.reports.clear()
         self.wait(REPORTS + 1)
-        steps, rates, times = np.array([report[:3] for report in self.reports[-REPORTS - 1 :]]).T
+        steps, times, rates = np.array(self.reports[-REPORTS - 1 :]).T
         made = np.diff(steps)
         return np.array([np.median(rates[1:]), np.median(np.diff(times)[made > 0] / made[made > 0])])
 
@@ -176,58 +163,43 @@ def watching(domain: int, page_open: webdriver.Chrome | None) -> Iterator[None]:
         yield
 
 
-def measure(
-    vehicle: str = "whipple", course: str = "circle", rounds: int = 12, with_page: bool = True
-) -> dict[str, float]:
-    """Watch a ride and leave it alone, in turns.
+def measure(rounds: int = 12, with_page: bool = True) -> dict[str, float]:
+    """Watch a bicycle's ride and leave it alone, in turns.
 
     Args:
-        vehicle: name of the vehicle.
-        course: name of the course.
         rounds: windows of each kind.
         with_page: whether to show the page in Chromium too.
 
     Returns:
-        Figures of the ride alone, ratios of the watched windows to it with their intervals, and the page's own figures.
+        Figures of the ride alone, ratios of the watched windows to it with their quartiles, and the page's own figures.
     """
     # A ride that ends begins anew: an answer that comes too late lets a bicycle fall.
-    simulator: dict[str, Any] = {"vehicle": vehicle, "course": course, "auto_reset": "end"}
-    powered = vehicle != "whipple"
-    simulator |= {"time_step": 0.002} if powered else {"speed": 4.0}
-    with Ride(simulator, {"policy": "classical" if powered else "lqr"}) as ride:
+    simulator = {"vehicle": "whipple", "course": "circle", "auto_reset": "end", "speed": 4.0}
+    with Ride(simulator, {"policy": "lqr"}) as ride:
         pages: dict[str, webdriver.Chrome | None] = {"live_watched": None}
         if with_page:
             pages["live_page"] = ride.enter_context(chromium())
         ride.wait(FIRST_REPORTS)
-        alone, drawn = [ride.window()], []
-        watched: dict[str, list[FloatArray]] = {name: [] for name in pages}
-        for name in tqdm(list(pages) * rounds, unit="window", mininterval=0.1 if sys.stderr.isatty() else 10.0):
-            page = pages[name]
-            with watching(ride.domain, page):
-                watched[name].append(ride.window())
-                if page is not None:
-                    script = "const l = document.querySelector('.view').view.live; return [l.rate, l.delay]"
-                    drawn.append(page.execute_script(script))
-            alone.append(ride.window())
+        alone, watched, drawn = [ride.window()], [], []
+        for _ in tqdm(range(rounds), unit="round", mininterval=0.1 if sys.stderr.isatty() else 10.0):
+            for page in pages.values():
+                with watching(ride.domain, page):
+                    watched.append(ride.window())
+                    if page is not None:
+                        script = "const l = document.querySelector('.view').view.live; return [l.rate, l.delay]"
+                        drawn.append(page.execute_script(script))
+                alone.append(ride.window())
     rate, used = np.median(alone, axis=0)
     figures = {"live_alone_steps_per_s": float(rate), "live_alone_processor_us_per_step": 1e6 * float(used)}
-    neighbours = 0.5 * (np.array(alone[:-1]) + np.array(alone[1:]))
-    for place, (name, windows) in enumerate(watched.items()):
-        ratios = np.array(windows) / neighbours[place :: len(watched)]
-        figures |= _interval(f"{name}_rate_ratio", ratios[:, 0])
-        figures |= _interval(f"{name}_processor_ratio", ratios[:, 1])
+    ratios = 2.0 * np.array(watched) / (np.array(alone[:-1]) + np.array(alone[1:]))
+    for place, name in enumerate(pages):
+        for kind, values in zip(("rate", "processor"), ratios[place :: len(pages)].T, strict=True):
+            low, middle, high = map(float, np.percentile(values, [25.0, 50.0, 75.0]))
+            known = {"ratio": middle, "ratio_lower_quartile": low, "ratio_upper_quartile": high}
+            figures |= {f"{name}_{kind}_{text}": value for text, value in known.items()}
     if drawn:
         frames, delay = np.median(drawn, axis=0)
         figures |= {"live_page_frames_per_s": float(frames), "live_page_delay_ms": float(delay)}
-    return figures
-
-
-def _interval(name: str, ratios: FloatArray) -> dict[str, float]:
-    """Return the median with its 95 % bootstrap interval, where there are enough values for one."""
-    figures = {name: float(np.median(ratios))}
-    if len(ratios) > 1:
-        found = bootstrap((ratios,), np.median, method="percentile", rng=0).confidence_interval
-        figures |= {f"{name}_low": float(found.low), f"{name}_high": float(found.high)}
     return figures
 
 

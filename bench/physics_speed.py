@@ -3,8 +3,6 @@
 A control step is what a simulator asks of an engine: 50 ms of integration with the set point held and the drive
 evaluated at every step, then the minimal state. Processor time of the process is counted, so that others on the
 machine do not slow one engine more than another; engines take turns, and the best ride of each counts.
-
-Without a part, ``bike bench`` prints the project's engines and Exudyn as a table.
 """
 
 from __future__ import annotations
@@ -12,8 +10,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any, Final
+from functools import partial
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,66 +27,55 @@ from bike_sim.vehicles.files import load_vehicle
 
 CONTROL_PERIOD: Final = 0.05
 _RIDE_PERIODS: Final = 40
+_ROUND_S: Final = 0.06
+"""Wall-clock time of an engine's turn, s."""
 _ACCURATE_PERCENT: Final = 1.0
 """Largest error of weave and capsize speed, %, with which a setting of Exudyn counts as a setting to ride with."""
-
-EXUDYN_SETTINGS: Final = (
-    ("trapezoidal", 1e-8),
-    ("generalized_alpha", 1e-8),
-    ("trapezoidal", 1e-4),
-)
+OWN_ENGINES: Final = ("pybullet", "whipple")
+TIME_STEPS: Final = (0.005, 0.001)
+"""Integration steps, s; Exudyn's is the first."""
+EXUDYN_SETTINGS: Final = (("trapezoidal", 1e-8), ("generalized_alpha", 1e-8), ("trapezoidal", 1e-4))
 """Method and Newton tolerance. The last is what haste can buy: twice the speed, but wrong modes."""
+ERRORS: Final = ("weave_speed_error_percent", "capsize_speed_error_percent")
 
 
-@dataclass(slots=True)
-class Contender:
-    """One engine with its settings in the race.
+class Contender(NamedTuple):
+    """An engine with its settings.
 
     Attributes:
         name: engine and settings.
-        make: returns a new engine for a vehicle.
+        make: returns a new engine of a vehicle and an integration step.
         time_step: integration step, s.
-        read: how the engine is asked for its result after each control step; None is `Engine.state`.
-        best: shortest processor time of a control step so far, s.
+        read: how the engine is asked for its result after each control step.
     """
 
     name: str
-    make: Callable[[Vehicle], Engine]
+    make: Callable[[Vehicle, float], Engine]
     time_step: float
     read: str = "state"
-    best: float = field(default=math.inf, init=False)
 
 
-def own_engines(time_steps: dict[str, tuple[float, ...]] | None = None) -> list[Contender]:
-    """Return the project's engines at their usual steps, or at those given by kind, s."""
-    chosen = time_steps or {"pybullet": (0.005, 0.001), "whipple": (0.005, 0.001)}
-    return [
-        Contender(kind, lambda vehicle, kind=kind, step=step: make_engine(kind, vehicle, step), step)  # type: ignore[misc]
-        for kind, steps in chosen.items()
-        for step in steps
-    ]
-
-
-def exudyn_engines(time_step: float = 0.005) -> list[Contender]:
-    """Return Exudyn's bicycles at the settings of `EXUDYN_SETTINGS`.
+def contenders() -> list[Contender]:
+    """Return the project's engines, and Exudyn's bicycles at the settings of `EXUDYN_SETTINGS`.
 
     Raises:
         ModuleNotFoundError: Exudyn is not installed.
     """
     try:
-        from bench import exudyn_bicycle
+        from bench.exudyn_bicycle import ExudynBicycle
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(f"{error}; it comes with requirements/dev.txt") from error
-
-    def contender(method: str, tolerance: float) -> Contender:
-        return Contender(
+    own = [Contender(kind, partial(make_engine, kind), step) for kind in OWN_ENGINES for step in TIME_STEPS]
+    # Exudyn's raw coordinates are in its favour: mapping them to the minimal state is left out.
+    return own + [
+        Contender(
             f"exudyn, {method}, {tolerance:g}",
-            lambda vehicle: exudyn_bicycle.ExudynBicycle(vehicle, time_step, method, tolerance),
-            time_step,
-            read="raw_coordinates",  # in Exudyn's favour: mapping them to the minimal state is left out
+            partial(ExudynBicycle, method=method, tolerance=tolerance),
+            TIME_STEPS[0],
+            "raw_coordinates",
         )
-
-    return [contender(*setting) for setting in EXUDYN_SETTINGS]
+        for method, tolerance in EXUDYN_SETTINGS
+    ]
 
 
 def slalom(vehicle: Vehicle) -> tuple[StateVector, NDArray[np.float64]]:
@@ -105,65 +92,42 @@ def slalom(vehicle: Vehicle) -> tuple[StateVector, NDArray[np.float64]]:
     return start, np.array(commands)
 
 
-def race(contenders: list[Contender], vehicle: Vehicle, rounds: int = 15, round_s: float = 0.06) -> None:
-    """Let the contenders take turns, and leave the best time of each in it.
-
-    Args:
-        contenders: who takes part.
-        vehicle: the bicycle.
-        rounds: turns of each.
-        round_s: length of a turn, s, in which the ride is repeated.
-    """
-    start, commands = slalom(vehicle)
-    engines = [contender.make(vehicle) for contender in contenders]
-    for _ in range(rounds):
-        for contender, engine in zip(contenders, engines, strict=True):
-            _run(contender, engine, start, commands.tolist(), round_s)
-    for engine in engines:
-        engine.close()
-
-
-def _run(contender: Contender, engine: Engine, start: StateVector, commands: list[float], round_s: float) -> None:
-    """Repeat the ride for one turn; the reset is not timed."""
-    steps = round(CONTROL_PERIOD / contender.time_step)
+def turn(contender: Contender, engine: Engine, start: StateVector, commands: list[float]) -> float:
+    """Repeat the ride for one turn, and return the shortest processor time of a control step, s, without resets."""
+    steps, best = round(CONTROL_PERIOD / contender.time_step), math.inf
     advance, read = engine.hold, getattr(engine, contender.read)
-    until = time.perf_counter() + round_s
+    until = time.perf_counter() + _ROUND_S
     while True:
         engine.reset(start)
         begin = time.process_time()
         for command in commands:
             advance(command, steps)
             read()
-        contender.best = min(contender.best, (time.process_time() - begin) / len(commands))
+        best = min(best, (time.process_time() - begin) / len(commands))
         if time.perf_counter() > until:
-            return
+            return best
 
 
 def accuracy(contender: Contender, vehicle: Vehicle) -> dict[str, float]:
     """Return the errors of weave and capsize speed by identified modes, in percent of the published formulas."""
-    engine = contender.make(free_of_drive(vehicle))
-    weave, capsize = linear.weave_speed(vehicle), linear.capsize_speed(vehicle)
+    engine = contender.make(free_of_drive(vehicle), contender.time_step)
+    published = linear.weave_speed(vehicle), linear.capsize_speed(vehicle)
     try:
-        found = (
-            linear.measured_speed(engine, "weave", 0.85 * weave, 1.1 * weave, 1e-4),
-            linear.measured_speed(engine, "capsize", 0.85 * capsize, 1.1 * capsize, 1e-4),
-        )
+        found = [
+            linear.measured_speed(engine, mode, 0.85 * v, 1.1 * v, 1e-4)
+            for mode, v in zip(("weave", "capsize"), published, strict=True)
+        ]
     except ValueError:  # modes so wrong that there is no such speed in reach
-        found = (math.nan, math.nan)
+        found = [math.nan, math.nan]
     finally:
         engine.close()
-    return {
-        "weave_speed_error_percent": 100.0 * (found[0] / weave - 1.0),
-        "capsize_speed_error_percent": 100.0 * (found[1] / capsize - 1.0),
-    }
+    return {name: 100.0 * (value / v - 1.0) for name, value, v in zip(ERRORS, found, published, strict=True)}
 
 
-def measure(vehicle_name: str = "whipple", with_exudyn: bool = True, rounds: int = 15) -> dict[str, Any]:
+def measure(rounds: int = 15) -> dict[str, Any]:
     """Measure all engines in one run.
 
     Args:
-        vehicle_name: shipped vehicle or file.
-        with_exudyn: whether Exudyn takes part.
         rounds: turns of each engine.
 
     Returns:
@@ -173,50 +137,30 @@ def measure(vehicle_name: str = "whipple", with_exudyn: bool = True, rounds: int
         most as large as that setting's, ``pybullet_no_less_accurate`` the same for PyBullet at 5 ms.
 
     Raises:
-        ModuleNotFoundError: Exudyn is wanted but not installed.
+        ModuleNotFoundError: Exudyn is not installed.
     """
-    vehicle = load_vehicle(vehicle_name)
-    contenders = own_engines() + (exudyn_engines() if with_exudyn else [])
-    race(contenders, vehicle, rounds)
-    engines: list[dict[str, Any]] = [
-        {
-            "name": contender.name,
-            "time_step_s": contender.time_step,
-            "control_steps_per_s": 1.0 / contender.best,
-            **accuracy(contender, vehicle),
-        }
-        for contender in contenders
+    vehicle, racing = load_vehicle("whipple"), contenders()
+    start, commands = slalom(vehicle)
+    engines = [contender.make(vehicle, contender.time_step) for contender in racing]
+    best = np.min(
+        [[turn(*pair, start, commands.tolist()) for pair in zip(racing, engines, strict=True)] for _ in range(rounds)],
+        axis=0,
+    )
+    for engine in engines:
+        engine.close()
+    found: list[dict[str, Any]] = [
+        {"name": of.name, "time_step_s": of.time_step, "control_steps_per_s": 1.0 / took, **accuracy(of, vehicle)}
+        for of, took in zip(racing, best.tolist(), strict=True)
     ]
-    figures: dict[str, Any] = {"engines": engines}
-    for kind in ("pybullet", "whipple"):
-        for entry in engines:
-            if entry["name"] == kind:
-                figures[f"{kind}_{1e3 * entry['time_step_s']:g}_ms_control_steps_per_s"] = entry["control_steps_per_s"]
-    if with_exudyn:
-        figures.update(_against_exudyn(engines))
+    own = [entry for entry in found if entry["name"] in OWN_ENGINES]
+    accurate = [e for e in found if e not in own and all(abs(e[error]) <= _ACCURATE_PERCENT for error in ERRORS)]
+    peer = max(accurate, key=lambda entry: entry["control_steps_per_s"])
+    figures: dict[str, Any] = {"engines": found, "exudyn_setting": peer["name"]}
+    figures["exudyn_control_steps_per_s"] = peer["control_steps_per_s"]
+    for entry in own:
+        kind, speed = entry["name"], entry["control_steps_per_s"]
+        figures[f"{kind}_{1e3 * entry['time_step_s']:g}_ms_control_steps_per_s"] = speed
+        if entry["time_step_s"] == peer["time_step_s"]:
+            figures[f"{kind}_to_exudyn_ratio"] = speed / peer["control_steps_per_s"]
+            figures[f"{kind}_no_less_accurate"] = all(abs(entry[error]) <= abs(peer[error]) for error in ERRORS)
     return figures
-
-
-def _against_exudyn(engines: list[dict[str, Any]]) -> dict[str, Any]:
-    """Compare the project's engines with Exudyn's fastest accurate setting, all at the same step."""
-    exudyn = [entry for entry in engines if entry["name"].startswith("exudyn") and _worst(entry) <= _ACCURATE_PERCENT]
-    fastest = max(exudyn, key=lambda entry: entry["control_steps_per_s"])
-    figures: dict[str, Any] = {
-        "exudyn_setting": fastest["name"],
-        "exudyn_control_steps_per_s": fastest["control_steps_per_s"],
-    }
-    for entry in engines:
-        if entry["name"] in ("pybullet", "whipple") and entry["time_step_s"] == fastest["time_step_s"]:
-            kind = entry["name"]
-            figures[f"{kind}_to_exudyn_ratio"] = entry["control_steps_per_s"] / fastest["control_steps_per_s"]
-            figures[f"{kind}_no_less_accurate"] = all(
-                abs(entry[name]) <= abs(fastest[name])
-                for name in ("weave_speed_error_percent", "capsize_speed_error_percent")
-            )
-    return figures
-
-
-def _worst(entry: dict[str, Any]) -> float:
-    """Return the larger of the two errors of an engine, %; nan counts as infinite."""
-    worst = max(abs(entry["weave_speed_error_percent"]), abs(entry["capsize_speed_error_percent"]))
-    return worst if math.isfinite(worst) else math.inf

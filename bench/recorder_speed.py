@@ -22,11 +22,11 @@ import tempfile
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-import rclpy
+import numpy as np
+import psutil
 import rclpy.node
 import yaml
 from bike_msgs.msg import BikeCommand, BikeState
@@ -59,48 +59,17 @@ TIMEOUT: Final = 60.0
 """Wall-clock time after which a process that sends is given up, s."""
 START_TIMEOUT: Final = 30.0
 """Wall-clock time in which every topic must have found a listener, s."""
+ARRIVAL_TIMEOUT: Final = 20.0
+"""Wall-clock time in which the listeners must have all messages, s."""
 SETTLING: Final = 1.0
 """Wall-clock time between that and the first message, s."""
 PACE: Final = 0.002
 """Wall-clock time between two bursts, s."""
 UNSTAMPED: Final = "markers"
+ROOT: Final = Path(__file__).parents[1]
 
 
 def measure(rates: Sequence[int] = RATES, duration: float = SENDING_TIME) -> dict[str, float]:
-    """Return all figures of this module.
-
-    Args:
-        rates: see `largest_rate`.
-        duration: see `largest_rate`.
-    """
-    return {**load(), **largest_rate(rates, duration)}
-
-
-def load() -> dict[str, float]:
-    """Return what ten bicycles publish at 100 Hz."""
-    period = messages_of_a_period()
-    return {
-        "ten_bicycles_messages_per_s": BIKES * CONTROL_RATE * len(period),
-        "ten_bicycles_bytes_per_s": BIKES * CONTROL_RATE * sum(len(data) for _, data in period.values()),
-    }
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One rate, sent for some seconds.
-
-    Attributes:
-        sent: Messages sent.
-        recorded: Messages in the recording.
-        cpu_s: Processor time of the recorder from the first message on, s.
-    """
-
-    sent: int
-    recorded: int
-    cpu_s: float
-
-
-def largest_rate(rates: Sequence[int] = RATES, duration: float = SENDING_TIME) -> dict[str, float]:
     """Return the largest rate at which the node records every message, beside ten bicycles, and what a message costs.
 
     The processor time of a message, with what the middleware needs in the recorder's process, means something on a busy
@@ -110,35 +79,34 @@ def largest_rate(rates: Sequence[int] = RATES, duration: float = SENDING_TIME) -
         rates: messages a second that are tried, ascending.
         duration: wall-clock time of a trial, s.
     """
-    whole: list[Trial] = []
+    period = messages_of_a_period()
+    of_ten = BIKES * CONTROL_RATE * len(period)
+    largest, cost = 0.0, float("nan")
     for rate in rates:
-        trial = _best_trial(rate, duration)
-        if trial is None:
+        trials = (send_and_record(rate, duration) for _ in range(TRIALS))
+        sent, spent = next(((sent, spent) for sent, recorded, spent in trials if recorded == sent), (0, 0.0))
+        if sent:
+            largest, cost = sent / duration, float(np.fmin(cost, spent / sent))
+        if sent < 0.9 * rate * duration:  # messages are lost, or the publishers are at their end
             break
-        whole.append(trial)
-        if trial.sent < 0.9 * rate * duration:  # the publishers are at their end
-            break
-    largest = max((trial.sent / duration for trial in whole), default=0.0)
-    cost = min((trial.cpu_s / trial.recorded for trial in whole), default=float("nan"))
     return {
+        "ten_bicycles_messages_per_s": of_ten,
+        "ten_bicycles_bytes_per_s": BIKES * CONTROL_RATE * sum(len(data) for _, data in period.values()),
         "recorder_node_messages_per_s": largest,
-        "recorder_node_to_ten_bicycles_ratio": largest / load()["ten_bicycles_messages_per_s"],
+        "recorder_node_to_ten_bicycles_ratio": largest / of_ten,
         "recorder_node_cpu_us_per_message": 1e6 * cost,
     }
 
 
-def _best_trial(rate: float, duration: float) -> Trial | None:
-    """Return a trial in which every message was recorded, or nothing after some without."""
-    trials = (send_and_record(rate, duration) for _ in range(TRIALS))
-    return next((trial for trial in trials if trial.recorded == trial.sent), None)
-
-
-def send_and_record(rate: float, duration: float = SENDING_TIME) -> Trial:
+def send_and_record(rate: float, duration: float) -> tuple[int, int, float]:
     """Send at a rate and record what comes.
 
     Args:
         rate: messages a second to send.
         duration: wall-clock time of the sending, s.
+
+    Returns:
+        Messages sent, messages in the recording, and processor time of the recorder from the first message on, s.
 
     Raises:
         RuntimeError: the publishers did not find the recorder.
@@ -149,46 +117,28 @@ def send_and_record(rate: float, duration: float = SENDING_TIME) -> Trial:
         environment = {**os.environ, DOMAIN_VARIABLE: str(lease.domain_id)}
         prepare_discovery(environment)
         with NodeProcess("bike_sim.ros.record", {"path": str(target)}, lease.domain_id) as recorder:
+            words = [sys.executable, "-m", "bench.recorder_speed", "--send", str(BIKES // PUBLISHERS)]
+            words += [str(rate / PUBLISHERS), str(duration), "--name"]
             publishers = [
-                _publisher(rate / PUBLISHERS, duration, f"traffic{k}", environment) for k in range(PUBLISHERS)
+                subprocess.Popen([*words, f"traffic{k}"], env=environment, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+                for k in range(PUBLISHERS)
             ]
             for publisher in publishers:
                 assert publisher.stdout is not None
                 publisher.stdout.readline()  # all topics are heard
-            cpu = _cpu_time(recorder.process.pid)
+            used = psutil.Process(recorder.process.pid)
+            before = sum(used.cpu_times()[:2])
             sent = sum(_count_of(publisher) for publisher in publishers)
             recorder.check()
-            cpu = _cpu_time(recorder.process.pid) - cpu
+            spent = sum(used.cpu_times()[:2]) - before
             recorder.close()
         if not (target / "metadata.yaml").exists():  # it did not even end in time
-            return Trial(sent, 0, cpu)
+            return sent, 0, spent
         information = yaml.safe_load((target / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    recorded = sum(
-        topic["message_count"]
-        for topic in information["topics_with_message_count"]
-        if re.match(r"/bike/traffic\d/", topic["topic_metadata"]["name"])
-    )
-    return Trial(sent, recorded, cpu)
-
-
-def _publisher(rate: float, duration: float, name: str, environment: dict[str, str]) -> subprocess.Popen[str]:
-    command = [
-        sys.executable,
-        "-m",
-        "bench.recorder_speed",
-        "--send",
-        str(BIKES // PUBLISHERS),
-        str(rate),
-        str(duration),
-    ]
-    root = Path(__file__).parents[1]
-    return subprocess.Popen([*command, "--name", name], env=environment, cwd=root, stdout=subprocess.PIPE, text=True)
-
-
-def _cpu_time(process: int) -> float:
-    """Return the processor time that all threads of a process have had, s."""
-    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    counts = {
+        each["topic_metadata"]["name"]: each["message_count"] for each in information["topics_with_message_count"]
+    }
+    return sent, sum(count for name, count in counts.items() if re.match(r"/bike/traffic\d/", name)), spent
 
 
 def _count_of(publisher: subprocess.Popen[str]) -> int:
@@ -243,19 +193,7 @@ class Traffic(rclpy.node.Node):
                     kind, f"{name}/b{bike}/{topic}", node_tools.SENDER_QOS, event_callbacks=node_tools.QUIET
                 )
                 self._load.append((publisher, data, topic != UNSTAMPED))
-
-    def wait_for_listeners(self) -> None:
-        """Wait until each topic is heard.
-
-        Raises:
-            TimeoutError: one is not.
-        """
-        end = time.monotonic() + START_TIMEOUT
-        while not all(publisher.get_subscription_count() for publisher, *_ in self._load):
-            if time.monotonic() > end:
-                raise TimeoutError(f"nobody listens to all topics after {START_TIMEOUT:g} s; does a recorder run?")
-            time.sleep(0.05)
-        time.sleep(SETTLING)
+        self.senders = [publisher for publisher, *_ in self._load]
 
     def send(self, rate: float, duration: float) -> int:
         """Send messages, topic by topic, until the time is over; return how many.
@@ -266,7 +204,7 @@ class Traffic(rclpy.node.Node):
         """
         with ExitStack() as stack:
             # The handles themselves, which `Publisher.publish` would take and give back for each message.
-            for publisher, *_ in self._load:
+            for publisher in self.senders:
                 stack.enter_context(publisher.handle)
             load = [(publisher.handle.publish_raw, data, stamped) for publisher, data, stamped in self._load]
             sent, begun = 0, time.monotonic()
@@ -279,12 +217,6 @@ class Traffic(rclpy.node.Node):
                 time.sleep(PACE)
         return sent
 
-    def wait_for_arrival(self, longest: float = 20.0) -> None:
-        """Wait until the listeners have all messages, at most so many seconds of wall-clock time."""
-        end = time.monotonic() + longest
-        for publisher, *_ in self._load:
-            publisher.wait_for_all_acked(Duration(seconds=max(end - time.monotonic(), 0.0)))
-
 
 def _stamped(data: bytes, period: int) -> bytes:
     """Return a message that begins with a header, at another time: 1 s and so many control periods of 10 ms."""
@@ -292,38 +224,29 @@ def _stamped(data: bytes, period: int) -> bytes:
     return data[:4] + struct.pack("<iI", seconds, hundredths * 10_000_000) + data[12:]
 
 
-def send(bikes: int, rate: float, duration: float, name: str) -> None:
-    """Send as a process of its own, and tell the parent by standard output how far it is.
-
-    Args:
-        bikes: number of bicycles.
-        rate: messages a second of all together.
-        duration: of the sending, s of wall-clock time.
-        name: name of the node and of its topics.
-    """
-    prepare_discovery()
-    with Context() as context:
-        traffic = Traffic(bikes, context, name)
-        try:
-            traffic.wait_for_listeners()
-        except TimeoutError as error:
-            sys.exit(str(error))
-        print("heard on all topics", flush=True)
-        print(traffic.send(rate, duration), flush=True)
-        traffic.wait_for_arrival()
-        traffic.destroy_node()
-
-
 def main() -> None:
-    """Send."""
+    """Send as a process of its own, and tell the parent by standard output how far it is."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "--send", type=float, nargs=3, required=True, metavar=("BIKES", "RATE", "DURATION"), help="1/s and s"
-    )
+    metavar = ("BIKES", "RATE", "DURATION")
+    parser.add_argument("--send", type=float, nargs=3, required=True, metavar=metavar, help="1/s and s")
     parser.add_argument("--name", default="traffic", help="name of the sending node and of its topics")
     args = parser.parse_args()
     bikes, rate, duration = args.send
-    send(int(bikes), rate, duration, args.name)
+    prepare_discovery()
+    with Context() as context:
+        traffic = Traffic(int(bikes), context, args.name)
+        end = time.monotonic() + START_TIMEOUT
+        while not all(publisher.get_subscription_count() for publisher in traffic.senders):
+            if time.monotonic() > end:
+                sys.exit(f"nobody listens to all topics after {START_TIMEOUT:g} s; does a recorder run?")
+            time.sleep(0.05)
+        time.sleep(SETTLING)
+        print("heard on all topics", flush=True)
+        print(traffic.send(rate, duration), flush=True)
+        end = time.monotonic() + ARRIVAL_TIMEOUT
+        for publisher in traffic.senders:
+            publisher.wait_for_all_acked(Duration(seconds=max(end - time.monotonic(), 0.0)))
+        traffic.destroy_node()
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import pytest
 from bike_training import cli
 from bike_training.arguments import recording_folder
 from bike_training.commands import declarations as dc
-from bike_training.commands.declarations import COMMANDS, RENAMED, RENAMED_OPTIONS
+from bike_training.commands.declarations import COMMANDS
 from bike_training.learning.run_settings import GRADIENT_TABLE as TABLE
 
 SUBJECTS = {
@@ -96,21 +96,6 @@ def test_options_apply_to_the_subject_or_are_refused_by_name(command, subject, f
         assert option.flag in error
         assert error.count("\n") == 1
         assert sorted(tmp_path.iterdir()) == before
-
-
-@pytest.mark.parametrize("name", RENAMED)
-def test_a_former_command_names_what_does_its_work(name, capsys) -> None:
-    assert cli.main([name, "whatever", "--json"]) == 2
-    error = capsys.readouterr().err
-    assert error == f"bike: {name} is now: {RENAMED[name]}\n"
-    assert error.split()[5] in COMMANDS
-
-
-@pytest.mark.parametrize(("command", "flag"), RENAMED_OPTIONS)
-def test_a_former_option_names_what_stands_for_it(command, flag, folders, capsys) -> None:
-    first = next(iter(SUBJECTS[command].values()))
-    assert cli.main([command, *first, flag, "x"]) == 2
-    assert RENAMED_OPTIONS[command, flag] in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

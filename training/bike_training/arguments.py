@@ -43,14 +43,13 @@ class CommandParser(argparse.ArgumentParser):
         options: all options, by their attribute in the parsed arguments.
     """
 
-    def __init__(self, command: str, summary: str, subjects: Sequence[str], renamed: Mapping[str, str]) -> None:
+    def __init__(self, command: str, summary: str, subjects: Sequence[str]) -> None:
         """Begin a parser.
 
         Args:
             command: its name.
             summary: one line about it.
             subjects: what the command can be about.
-            renamed: by former option, what stands for it.
         """
         super().__init__(
             prog=f"bike {command}",
@@ -58,7 +57,6 @@ class CommandParser(argparse.ArgumentParser):
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         self.subjects = tuple(subjects)
-        self._renamed = renamed
         self.options: dict[str, Option] = {}
         self.add_argument("--json", action="store_true", help="print one JSON object on standard output, nothing else")
 
@@ -108,9 +106,7 @@ class CommandParser(argparse.ArgumentParser):
             word = next((word for word in message.split() if word.startswith("--")), "").partition("=")[0]
             known = [option.flag for option in self.options.values()]
         near = difflib.get_close_matches(word, known, 1)
-        if word in self._renamed:
-            hint = f"instead of {word} there is now: {self._renamed[word]}"
-        elif near:
+        if near:
             hint = f"did you mean {near[0]}? See {self.prog} --help"
         raise ValueError(f"{message}; {hint}")
 

@@ -19,7 +19,7 @@ from typing import Any, Final
 
 from bike_sim.documents import alternatives, shorten
 from bike_training import learning_packages
-from bike_training.commands.declarations import COMMANDS, NEED_ROS, RENAMED, Command
+from bike_training.commands.declarations import COMMANDS, NEED_ROS
 from bike_training.envs.node_process import NodeLost
 from bike_training.interruption import SHELL_BASE, interrupt, leave_at_once, signals_handled, signals_noted
 
@@ -111,7 +111,9 @@ def parse(name: str, words: Sequence[str]) -> Namespace:
         ValueError: an unknown command, option or value, or an option that does not apply to the subject.
         FileNotFoundError: an unknown vehicle, rider or course.
     """
-    command = _command(name)
+    if name not in COMMANDS:
+        raise ValueError(f"unknown command {name!r}; {alternatives(name, COMMANDS)}")
+    command = COMMANDS[name]
     parser = command.parser(name)
     args = parser.parse_args(words)
     args.subject = command.subject(args)
@@ -132,19 +134,6 @@ def _version() -> str:
     except PackageNotFoundError:  # of a checkout, which is not installed
         with (Path(__file__).parents[2] / "pyproject.toml").open("rb") as file:
             return str(tomllib.load(file)["project"]["version"])
-
-
-def _command(name: str) -> Command:
-    """Return a command.
-
-    Raises:
-        ValueError: there is none of that name, with the one that may be meant.
-    """
-    if name in RENAMED:
-        raise ValueError(f"{name} is now: {RENAMED[name]}")
-    if name not in COMMANDS:
-        raise ValueError(f"unknown command {name!r}; {alternatives(name, COMMANDS)}")
-    return COMMANDS[name]
 
 
 def _load(function: str) -> Callable[[Any], dict[str, Any]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -18,7 +18,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from bike_analysis.figures.numbers import significant
+from bike_analysis.figures.cells import cells
 from bike_analysis.page.document import (
     RC,
     colour,
@@ -226,9 +226,9 @@ def _page(
     failures = "".join(f"<p>{html_text(f'{row.run}: {row.error}', 400)}</p>" for row in failed.itertuples())
     parts = [key_html(key), f'<div class="warning" role="status">{failures}</div>' if failures else ""]
     parts += [_picture(picture) for picture in pictures]
-    parts.append(_table("Figures", _INTERVAL, _FIGURE_COLUMNS, 2, figures) if figures else _NO_FIGURES)
-    parts.append(_table("Paired comparisons", _PAIRED, _COMPARISON_COLUMNS, 3, compared) if compared else "")
-    parts.append(_table("Runs", "", _RUN_COLUMNS, 2, runs.to_dict("records")))
+    parts.append(GROUPS.html(labelled(figures)) if figures else _NO_FIGURES)
+    parts.append(COMPARISONS.html(labelled(compared)) if compared else "")
+    parts.append(RUNS.html(runs.astype(object).where(runs.notna(), None).to_dict("records")))
     below = f'<p class="soft">{html_text(f"{len(runs)} runs · {program_version()}")}</p>'
     return page_shell(name, below, parts, [])
 
@@ -244,71 +244,65 @@ def _picture(picture: Picture) -> str:
     return f'<section><h2>{escape(picture.title)}</h2><figure class="card">{figure}</figure></section>'
 
 
-def interval_text(low: float | None, high: float | None) -> str:
-    """Return an interval for people; a dash where one run has none."""
-    return "–" if low is None or high is None else f"[{significant(low)}, {significant(high)}]"
+class Table(NamedTuple):
+    """Columns of a table of a report.
+
+    Attributes:
+        title: of its section.
+        note: below the title.
+        left: columns of text.
+        columns: format strings by heading, as of `bike_analysis.figures.cells`.
+    """
+
+    title: str
+    note: str
+    left: int
+    columns: Mapping[str, str]
+
+    def html(self, records: Sequence[Mapping[str, Any]]) -> str:
+        """Return it as a section of a page."""
+        kinds = ["" if place == 0 or place >= self.left else " class=text" for place in range(len(self.columns))]
+        head = "".join(
+            f"<th{' class=text' if place < self.left else ''}>{escape(name)}</th>"
+            for place, name in enumerate(self.columns)
+        )
+        rows = (zip(kinds, cells(self.columns.values(), record), strict=True) for record in records)
+        lines = [f"<tr>{''.join(f'<td{kind}>{html_text(cell)}</td>' for kind, cell in row)}</tr>" for row in rows]
+        above = f"<p class=soft>{self.note}</p>" if self.note else ""
+        return f"<section><h2>{self.title}</h2>{above}{table_html(head, lines)}</section>"
 
 
-Column = tuple[str, Callable[[dict[str, Any]], str]]
-"""Head of a column, and a function that writes its cell of a row as HTML."""
-
-
-def _plain(name: str) -> Callable[[dict[str, Any]], str]:
-    return lambda row: "–" if pd.isna(row[name]) else html_text(str(row[name]))
-
-
-def _number(name: str) -> Callable[[dict[str, Any]], str]:
-    return lambda row: significant(row[name])
-
-
-def _label(row: dict[str, Any]) -> str:
-    return escape(label_of(row["figure"]))
-
-
-def _interval(row: dict[str, Any]) -> str:
-    return interval_text(row["low"], row["high"])
-
-
-_INTERVAL: Final = "interquartile mean over runs; in brackets its 95 % bootstrap interval"
-_PAIRED: Final = "Each seed with itself: interquartile mean of the differences, and how often the second is larger."
 _NO_FIGURES: Final = '<p class="soft">No run has finished with a figure yet.</p>'
-_FIGURE_COLUMNS: Final[tuple[Column, ...]] = (
-    ("group", _plain("group")),
-    ("figure", _label),
-    ("runs", _plain("runs")),
-    ("IQM", _number("iqm")),
-    ("95 % interval", _interval),
-    *(
-        (head, _number(name))
-        for head, name in (("mean", "mean"), ("median", "median"), ("least", "min"), ("largest", "max"))
-    ),
+GROUPS: Final = Table(
+    "Figures",
+    "interquartile mean over runs; in brackets its 95 % bootstrap interval",
+    2,
+    {
+        "group": "{group}",
+        "figure": "{label}",
+        "runs": "{runs}",
+        "IQM": "{iqm!g}",
+        "95 % interval": "[{low!g}, {high!g}]",
+    }
+    | {"mean": "{mean!g}", "median": "{median!g}", "least": "{min!g}", "largest": "{max!g}"},
 )
-_COMPARISON_COLUMNS: Final[tuple[Column, ...]] = (
-    ("figure", _label),
-    ("first", _plain("first")),
-    ("second", _plain("second")),
-    ("seeds", _plain("seeds")),
-    ("second − first", _number("difference")),
-    ("95 % interval", _interval),
-    ("second larger", lambda row: f"{100.0 * row['share_larger']:.0f} %"),
+COMPARISONS: Final = Table(
+    "Paired comparisons",
+    "Each seed with itself: interquartile mean of the differences, and how often the second is larger.",
+    3,
+    {"figure": "{label}", "first": "{first}", "second": "{second}", "seeds": "{seeds}"}
+    | {"second − first": "{difference!g}", "95 % interval": "[{low!g}, {high!g}]"}
+    | {"second larger": "{share_larger:.0%}"},
 )
-_RUN_COLUMNS: Final[tuple[Column, ...]] = (
-    *((name, _plain(name)) for name in ("run", "status", "attempts")),
-    ("last attempt, s", _plain("seconds")),
-    ("machine", _plain("host")),
-    ("commit", _plain("commit")),
+RUNS: Final = Table(
+    "Runs",
+    "",
+    2,
+    {"run": "{run}", "status": "{status}", "attempts": "{attempts}", "last attempt, s": "{seconds}"}
+    | {"machine": "{host}", "commit": "{commit}"},
 )
 
 
-def _table(title: str, words: str, columns: Sequence[Column], texts: int, rows: Sequence[Any]) -> str:
-    """Return a section with a table whose first columns are text."""
-    kinds = ["" if place == 0 or place >= texts else " class=text" for place in range(len(columns))]
-    head = "".join(
-        f"<th{' class=text' if place < texts else ''}>{escape(name)}</th>" for place, (name, _) in enumerate(columns)
-    )
-    lines = [
-        f"<tr>{''.join(f'<td{kind}>{write(row)}</td>' for kind, (_, write) in zip(kinds, columns, strict=True))}</tr>"
-        for row in rows
-    ]
-    above = f"<p class=soft>{words}</p>" if words else ""
-    return f"<section><h2>{title}</h2>{above}{table_html(head, lines)}</section>"
+def labelled(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return rows of figures with a ``label`` for people."""
+    return [{**row, "label": label_of(row["figure"])} for row in rows]

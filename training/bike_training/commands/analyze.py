@@ -5,15 +5,14 @@ from __future__ import annotations
 import argparse
 import sys
 import warnings
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from bike_analysis.figures.numbers import lap_text, significant
+from bike_analysis.figures.cells import cells, table_text
 from bike_analysis.figures.results import SCHEMA
 from bike_analysis.read.container import MAX_FAULT, shown
 from bike_analysis.report import Video, analyze
-from bike_analysis.sweeps.report import interval_text, label_of, report_sweep
+from bike_analysis.sweeps.report import COMPARISONS, GROUPS, labelled, report_sweep
 
 SWEEP_SCHEMA: Final = "bike.analyze_sweep/1"
 MOST_SECTORS: Final = 6
@@ -69,18 +68,18 @@ def run_sweep(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def text_of(figures: dict[str, Any]) -> str:
-    """Put the figures into tables for people.
+    """Return figures as tables for people.
 
     Args:
-        figures: What `bike_analysis.report.analyze` returned.
-
-    Returns:
-        Lines of text.
+        figures: of `bike_analysis.report.analyze`.
     """
     rides, several = figures["rides"], len(figures["recordings"]) > 1
-    lines = _ride_table(rides, several)
-    for ride in rides[:1]:
-        lines += _sections(ride["sections"])
+    named = [{**ride, "recording": Path(ride["recording"]).stem} for ride in rides]
+    for ride in named:
+        ride["ended_by"] = ride["ended_by"].replace("_", " ")
+    lines = table_text({"recording": "{recording}", **RIDES} if several else RIDES, named)
+    if rides and rides[0]["sections"]:
+        lines += table_text(SECTIONS, rides[0]["sections"])
     for ride in rides:
         lines += _laps(ride)
     for comparison in figures["comparisons"]:
@@ -97,118 +96,63 @@ def text_of(figures: dict[str, Any]) -> str:
     return "\n".join(shown(line, MAX_LINE) for line in lines)
 
 
-def _ride_table(rides: Sequence[dict[str, Any]], several: bool) -> list[str]:
-    names = ("ride", "course", "m/s", "s", "m", "mean m", "rms m", "max m", "roll °", "steer °", "falls", "lost", "end")
-    head = ("recording", *names) if several else names
-    rows = []
-    for ride in rides:
-        roll = f"{_number(ride['roll_min_deg'], 0)}..{_number(ride['roll_max_deg'], 0)}"
-        steer = f"{_number(ride['steer_min_deg'], 0)}..{_number(ride['steer_max_deg'], 0)}"
-        cells = (
-            str(ride["ride"]),
-            ride["course"] or "-",
-            _number(ride["speed_mean_m_s"], 2),
-            _number(ride["duration_s"], 1),
-            _number(ride["distance_m"], 0),
-            _number(ride["mean_error_m"], 3),
-            _number(ride["rms_error_m"], 3),
-            _number(ride["max_error_m"], 3),
-            *(roll, steer, str(ride["falls"]), str(ride["lost_steps"]), ride["ended_by"].replace("_", " ")),
-        )
-        rows.append((Path(ride["recording"]).stem, *cells) if several else cells)
-    return _table(head, rows)
+RIDES: Final = {
+    "ride": "{ride}", "course": "{course}", "m/s": "{speed_mean_m_s:.2f}", "s": "{duration_s:.1f}",
+    "m": "{distance_m:.0f}", "mean m": "{mean_error_m:.3f}", "rms m": "{rms_error_m:.3f}", "max m": "{max_error_m:.3f}",
+    "roll °": "{roll_min_deg:.0f}..{roll_max_deg:.0f}", "steer °": "{steer_min_deg:.0f}..{steer_max_deg:.0f}",
+    "falls": "{falls}", "lost": "{lost_steps}", "end": "{ended_by}",
+}  # fmt: skip
+SECTIONS: Final = {"section": "{name}"} | {f"{kind} m": f"{{{kind}_error_m:.3f}}" for kind in ("mean", "rms", "max")}
+LAPS: Final = {
+    "off track s": "{off_track_s:.2f}", "mean m": "{mean_error_m:.2f}", "max m": "{max_error_m:.2f}",
+    "max m/s": "{speed_max_m_s:.2f}",
+}  # fmt: skip
 
 
-def _sections(sections: Sequence[dict[str, Any]]) -> list[str]:
-    if not sections:
-        return []
-    rows = [(s["name"], *(_number(s[f"{kind}_error_m"], 3) for kind in ("mean", "rms", "max"))) for s in sections]
-    return _table(("section", "mean m", "rms m", "max m"), rows)
+def _sectors(count: int) -> dict[str, str]:
+    """Return columns of the times of sectors, none where they do not fit."""
+    return {f"sector {k + 1}": f"{{sectors[{k}]!l}}" for k in range(count if count <= MOST_SECTORS else 0)}
 
 
 def _laps(ride: dict[str, Any]) -> list[str]:
     laps = ride["complete_laps"]
     if not laps:
         return []
-    sectors = max(len(lap["sectors_s"]) for lap in laps)
-    if sectors > MOST_SECTORS:
-        sectors = 0
-    head = ("lap", "time", *(f"sector {k + 1}" for k in range(sectors)), "off track s", "mean m", "max m", "max m/s")
+    columns = _sectors(max(len(lap["sectors_s"]) for lap in laps))
     flying = not all(lap["out_lap"] for lap in laps)
-    rows = []
-    for lap in laps:
-        number = f"{lap['lap']} (out)" if flying and lap["out_lap"] else str(lap["lap"])
-        times = [_lap_time(t) for t in lap["sectors_s"][:sectors]] or ["-"] * sectors
-        figures = (_number(lap[n], 2) for n in ("off_track_s", "mean_error_m", "max_error_m", "speed_max_m_s"))
-        rows.append((number, _lap_time(lap["lap_s"]), *times, *figures))
+    rows = [
+        {**lap, "number": f"{lap['lap']} (out)" if flying and lap["out_lap"] else lap["lap"]}
+        | {"sectors": [*lap["sectors_s"], *[None] * MOST_SECTORS]}
+        for lap in laps
+    ]
+    table = table_text({"lap": "{number}", "time": "{lap_s!l}", **columns, **LAPS}, rows)
     if len(laps) == 1:
-        return _table(head, rows)
-    name = f"{Path(ride['recording']).stem}, ride {ride['ride']}"
-    best = f"{name}: best lap {_lap_time(ride['best_lap_s'])}"
-    if sectors and ride["theoretical_lap_s"] is not None:
-        best += f", best sectors together {_lap_time(ride['theoretical_lap_s'])}"
-    return [best, *_table(head, rows)]
+        return table
+    best, together = cells(("{best_lap_s!l}", "{theoretical_lap_s!l}"), ride)
+    text = f"{Path(ride['recording']).stem}, ride {ride['ride']}: best lap {best}"
+    if columns and ride["theoretical_lap_s"] is not None:
+        text += f", best sectors together {together}"
+    return [text, *table]
 
 
 def _comparison(comparison: dict[str, Any]) -> list[str]:
-    runs, sectors = comparison["runs"], comparison["sectors"]
-    if len(sectors) > MOST_SECTORS:
-        sectors = []
-    head = ("side by side", "time", "lost s", *(f"sector {k + 1}" for k in range(len(sectors))))
-    rows = []
-    for index, run in enumerate(runs):
-        times = (_lap_time(sector["times_s"][index]) for sector in sectors)
-        time = _lap_time(run["duration_s"]) if run["complete"] else "-"
-        rows.append((run["run"], time, _number(run["delta_s"], 3), *times))
+    sectors = comparison["sectors"]
+    rows = [
+        {**run, "time": run["duration_s"] if run["complete"] else None}
+        | {"sectors": [sector["times_s"][place] for sector in sectors]}
+        for place, run in enumerate(comparison["runs"])
+    ]
     if comparison["theoretical_lap_s"] is not None:
-        best = (_lap_time(sector["best_s"]) for sector in sectors)
-        rows.append(("best sectors", _lap_time(comparison["theoretical_lap_s"]), "", *best))
-    return _table(head, rows)
+        best = {"sectors": [sector["best_s"] for sector in sectors], "time": comparison["theoretical_lap_s"]}
+        rows.append({"run": "best sectors", "delta_s": None, **best})
+    columns = {"side by side": "{run}", "time": "{time!l}", "lost s": "{delta_s:.3f}"}
+    return table_text(columns | _sectors(len(sectors)), rows)
 
 
 def _sweep(figures: dict[str, Any]) -> list[str]:
-    rows = []
-    for entry in figures["groups"]:
-        interval = interval_text(entry["low"], entry["high"])
-        values = [significant(entry[name]) for name in ("median", "min", "max")]
-        rows.append(
-            (
-                entry["group"],
-                label_of(entry["figure"]),
-                str(entry["runs"]),
-                significant(entry["iqm"]),
-                interval,
-                *values,
-            )
-        )
-    head = ("group", "figure", "runs", "IQM", "95 % interval", "median", "least", "largest")
-    lines = [f"{figures['sweep']}: {figures['finished']} of {figures['runs']} runs finished", *_table(head, rows)]
+    lines = [f"{figures['sweep']}: {figures['finished']} of {figures['runs']} runs finished"]
+    lines += table_text(GROUPS.columns, labelled(figures["groups"]), GROUPS.left)
     if figures["comparisons"]:
-        pairs = []
-        for entry in figures["comparisons"]:
-            difference = significant(entry["difference"]), interval_text(entry["low"], entry["high"])
-            pair = (label_of(entry["figure"]), entry["first"], entry["second"])
-            pairs.append((*pair, str(entry["seeds"]), *difference))
-        titles = ("figure", "first", "second", "seeds", "difference", "95 % interval")
-        lines += ["each seed with itself: second minus first", *_table(titles, pairs)]
+        rows = labelled(figures["comparisons"])
+        lines += ["each seed with itself", *table_text(COMPARISONS.columns, rows, COMPARISONS.left)]
     return [*lines, f"page: {figures['page']}"]
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a table, the first column to the left and the others to the right."""
-    whole = [[shown(cell) for cell in row] for row in (head, *rows)]
-    widths = [max(len(row[i]) for row in whole) for i in range(len(head))]
-    return [
-        "  ".join(
-            cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=True))
-        )
-        for row in whole
-    ]
-
-
-def _lap_time(seconds: float | None) -> str:
-    return "-" if seconds is None else lap_text(seconds)
-
-
-def _number(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"

@@ -8,10 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any, Final
 
-from rich.console import Console
-
+from bike_analysis.figures.cells import lines_of, table_text
 from bike_sim.documents import alternatives, show
-from bike_training.progress import text_table
 
 PARTS: Final = {
     "physics": "bench.physics_speed",
@@ -56,14 +54,15 @@ def load_part(part: str) -> Any:
     return importlib.import_module(PARTS[part])
 
 
+ENGINES: Final = {
+    "engine": "{name}", "step s": "{time_step_s}", "control steps/s": "{control_steps_per_s:,.0f}",
+    "weave error %": "{weave_speed_error_percent:+.3f}", "capsize error %": "{capsize_speed_error_percent:+.3f}",
+}  # fmt: skip
+
+
 def _print(figures: dict[str, Any]) -> None:
-    rows = []
-    for name, value in figures.items():
-        for entry in value if isinstance(value, list) else ():
-            errors = (f"{mode} {entry[f'{mode}_speed_error_percent']:+.3f} %" for mode in ("weave", "capsize"))
-            speed = f"{entry['control_steps_per_s']:,.0f}/s"
-            rows.append((f"{entry['name']}, {1e3 * entry['time_step_s']:g} ms", ", ".join((speed, *errors))))
-        if not isinstance(value, list):
-            rows.append((name, f"{value:,.4g}" if isinstance(value, float) else str(value)))
-    table = text_table("speed", ("figure", "value"), rows, left=2)
-    Console().print(table)
+    if "engines" in figures:
+        print("\n".join(table_text(ENGINES, figures["engines"])))
+    single = {name: value for name, value in figures.items() if name != "engines"}
+    rows = [[name, f"{value:,.4g}" if isinstance(value, float) else str(value)] for name, value in single.items()]
+    print("\n".join(lines_of([["figure", "value"], *rows])))

@@ -62,7 +62,6 @@ class Command:
         functions: ``module:function`` that does the work, for each subject.
         subject: returns what parsed arguments are about.
         options: settings of each option by its flag, as in the table.
-        renamed: by option of earlier versions, what stands for it.
     """
 
     summary: str
@@ -71,11 +70,10 @@ class Command:
     functions: Mapping[str, str]
     subject: Callable[[Namespace], str]
     options: Mapping[str, Mapping[str, Any]]
-    renamed: Mapping[str, str]
 
     def parser(self, name: str) -> CommandParser:
         """Return the parser of its arguments, under the name of the command."""
-        parser = CommandParser(name, self.summary, tuple(self.functions), self.renamed)
+        parser = CommandParser(name, self.summary, tuple(self.functions))
         parser.epilog = f"duration: {self.duration}\n\nexamples:\n{self.examples}"
         for flag, entries in self.options.items():
             settings = _settings(entries)
@@ -271,14 +269,10 @@ _TABLE: Final[Mapping[str, Any]] = yaml.load(
     (resources.files("bike_training") / "commands" / "commands.yaml").read_text(encoding="utf-8"),
     getattr(yaml, "CSafeLoader", yaml.SafeLoader),  # compiled: this file is read before any help is shown
 )
-RENAMED: Final[Mapping[str, str]] = _TABLE["renamed"]
-"""Commands of earlier versions, and what does their work."""
 COMMANDS: Final[dict[str, Command]] = {
-    name: Command(subject=_SUBJECTS.get(name, lambda args: WORK), **{"renamed": {}, **entries})
+    name: Command(subject=_SUBJECTS.get(name, lambda args: WORK), **entries)
     for name, entries in _TABLE["commands"].items()
 }
-RENAMED_OPTIONS: Final = {(name, flag): now for name, each in COMMANDS.items() for flag, now in each.renamed.items()}
-"""Options of earlier versions by command, and what stands for them."""
 NEED_ROS: Final = frozenset(
     {("ride", BICYCLE), ("ride", NODES), *(("live", subject) for subject in COMMANDS["live"].functions)}
 )

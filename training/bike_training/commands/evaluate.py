@@ -12,10 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from rich.console import Console
-from rich.table import Table
-
-from bike_analysis.figures.numbers import lap_text
+from bike_analysis.figures.cells import cells, lines_of, table_text
 from bike_policy.contract.bundle import DEFAULT_POLICY, DEFAULT_RACER, load_bundle
 from bike_policy.riders.disturbed import DisturbedRider
 from bike_policy.riders.rider import Rider, bundle_of, make_rider
@@ -29,7 +26,7 @@ from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole, make_folder
 from bike_training.commands.declarations import DEFAULT_SUPERBIKE, SUPERBIKE
 from bike_training.envs.clients import make_client
-from bike_training.progress import progress_bar, text_table
+from bike_training.progress import progress_bar
 from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Ride, draw, evaluate
 from bike_training.rollout.races import delay_of, ride_races
 from bike_training.rollout.rollout import TimedRider, ride_through
@@ -86,11 +83,7 @@ def _evaluate(
         _rides(args, name, timed, config) as ride,
         progress_bar(rider.name, "ride", total, quiet=args.json) as bar,
     ):
-
-        def tick() -> None:
-            bar.update()
-
-        figures = evaluate(ride, args.course, args.speeds, args.random_rides, args.seed, tick)
+        figures = evaluate(ride, args.course, args.speeds, args.random_rides, args.seed, bar.update)
     return {
         "policy": rider.name,
         "client": args.client,
@@ -153,16 +146,16 @@ COMPARED: Final[Mapping[str, str]] = {
 
 def _print_comparison(found: Sequence[Mapping[str, Any]]) -> None:
     """Print riders side by side."""
-    first, rows = found[0], []
-    for key, heading in COMPARED.items():
-        cells = [each.get(key) for each in found]
-        if any(cell is not None for cell in cells):
-            rows.append((heading, *("-" if cell is None else f"{cell:.4g}" for cell in cells)))
+    first = found[0]
+    rows = [
+        [heading, *("-" if (cell := each.get(key)) is None else f"{cell:.4g}" for each in found)]
+        for key, heading in COMPARED.items()
+        if any(each.get(key) is not None for each in found)
+    ]
     for place, known in enumerate(first["disturbed"]):
-        rows.append((f"{known['disturbances']}: {_DISTURBED}", *(_in_short(of["disturbed"][place]) for of in found)))
-    title = f"{first['course']} at {first['rides_count']} speeds and random paths, {first['engine']}"
-    table = text_table(title, ("figure", *(each["policy"] for each in found)), rows)
-    Console(width=max(100, Console().width)).print(table)
+        rows.append([f"{known['disturbances']}: {_DISTURBED}", *(_in_short(of["disturbed"][place]) for of in found)])
+    print(f"{first['course']} at {first['rides_count']} speeds and random paths, {first['engine']}")
+    print("\n".join(lines_of([["figure", *(each["policy"] for each in found)], *rows])))
 
 
 _DISTURBED: Final = "rides completed; mean of the mean distances, largest distance, m"
@@ -170,39 +163,41 @@ _DISTURBED: Final = "rides completed; mean of the mean distances, largest distan
 
 def _in_short(figures: Mapping[str, Any]) -> str:
     """Return the figures of disturbed rides in short."""
-    return (
-        f"{figures['completed_count']} of {figures['rides_count']}; "
-        f"{figures['average_mean_m']:.3f}, {figures['worst_max_m']:.3f}"
-    )
+    return "{completed_count} of {rides_count}; {average_mean_m:.3f}, {worst_max_m:.3f}".format(**figures)
+
+
+RIDES: Final = {
+    "speed m/s": "{speed_m_s:.2f}", "ridden": "{ridden}", "mean m": "{mean_m:.3f}", "max m": "{max_m:.3f}",
+    "max roll °": "{max_roll_deg:.1f}", "worst section": "{section}", "random": "{random_ridden}",
+    "its mean m": "{random_mean_m:.3f}", "its max m": "{random_max_m:.3f}",
+}  # fmt: skip
+"""Columns of rides on the course and of those on random paths at the same speeds."""
+SUMMARY: Final = (
+    "on a straight, worst of 2 to 7 m/s: spectral radius {worst_spectral_radius_upright:.3f}, set value left swinging "
+    "by {worst_swing_deg:.2g}°",
+    f"worst mean {{worst_mean_m:.3f}} m (paper's best controller {PAPER_MEAN}), "
+    f"worst maximum {{worst_max_m:.3f}} m ({PAPER_MAX})",
+)
 
 
 def _print(figures: dict[str, Any], name: str, out: Path) -> None:
-    head = ("speed m/s", "ridden", "mean m", "max m", "max roll °", "worst section", "random mean m", "max m")
-    randoms, rows = figures["random"], []
-    for place, ride in enumerate(figures["rides"]):
+    rows = []
+    for ride, chance in itertools.zip_longest(figures["rides"], figures["random"][: len(figures["rides"])]):
         worst = max(ride.get("sections", []), key=lambda part: part["max_m"], default={"section": ""})
-        chance = randoms[place] if place < len(randoms) else None
-        cells = (
-            f"{ride['speed_m_s']:.2f}",
-            "yes" if ride["completed"] else "NO",
-            *(f"{ride['mean_m']:.3f}", f"{ride['max_m']:.3f}", f"{ride['max_roll_deg']:.1f}", worst["section"]),
-            f"{chance['mean_m']:.3f}" if chance else "",
-            f"{chance['max_m']:.3f}" + ("" if chance["completed"] else " NO") if chance else "",
+        chance = chance or dict.fromkeys(("mean_m", "max_m", "completed"))
+        rows.append(
+            {**ride, **worst, "mean_m": ride["mean_m"], "max_m": ride["max_m"]}
+            | {f"random_{key}": chance[key] for key in ("mean_m", "max_m")}
+            | {"ridden": _RIDDEN[ride["completed"]], "random_ridden": _RIDDEN[chance["completed"]]}
         )
-        rows.append(cells)
-    table = text_table(f"{name}: {figures['course']} and random paths, {figures['engine']}", head, rows, left=0)
-    console = Console(width=max(100, Console().width))
-    console.print(table)
+    print(f"{name}: {figures['course']} and random paths, {figures['engine']}")
+    print("\n".join(table_text(RIDES, rows, left=0)))
     for known in figures["disturbed"]:
-        console.print(f"{known['disturbances']}: {_in_short(known)} ({_DISTURBED})")
-    radius, swing = figures["worst_spectral_radius_upright"], figures["worst_swing_deg"]
-    stable = "no steady ride" if radius is None else f"spectral radius {radius:.3f}"
-    swinging = "-" if swing is None else f"{swing:.2g}"
-    console.print(f"on a straight, worst of 2 to 7 m/s: {stable}, set value left swinging by {swinging}°")
-    console.print(
-        f"worst mean {figures['worst_mean_m']:.3f} m (paper's best controller {PAPER_MEAN}), "
-        f"worst maximum {figures['worst_max_m']:.3f} m ({PAPER_MAX}); written to {out}"
-    )
+        print(f"{known['disturbances']}: {_in_short(known)} ({_DISTURBED})")
+    print(*cells(SUMMARY, figures), f"written to {out}", sep="\n")
+
+
+_RIDDEN: Final = {True: "yes", False: "NO", None: "-"}
 
 
 CIRCUIT: Final = "barcelona"
@@ -252,7 +247,8 @@ def run_races(args: argparse.Namespace) -> dict[str, Any]:
         writer.writerows(found)
     undisturbed = [result for result in results if result.disturbances == "none"]
     if not args.json:
-        Console(width=120).print(_race_table(name, found))
+        print(f"Races of {name}")
+        print("\n".join(table_text(RACES, found, left=3)))
         for ride in lost[:LISTED_LOST]:
             where = "" if ride["arc_length_m"] is None else f" at {ride['arc_length_m']:.0f} m"
             world = "" if ride["disturbances"] == "none" else f" under {ride['disturbances']}"
@@ -290,22 +286,9 @@ def _pairs(machines: Sequence[str], circuits: Sequence[str], taking_turns: bool)
     return [(machine, circuit) for circuit in circuits for machine in machines]
 
 
-def _race_table(name: str, found: list[dict[str, Any]]) -> Table:
-    disturbed = any(race["disturbances"] != "none" for race in found)
-    named = {"machine": "vehicle", "circuit": "circuit"} | ({"disturbances": "disturbances"} if disturbed else {})
-    head = (*named, "whole", "falls", "best", "median", "theory", "over it", "off line", "off track")
-    rows = [
-        (
-            *(race[key] for key in named.values()),
-            f"{race['whole']} of {race['rides']}",
-            f"{race['falls'] + race['walls']}",
-            "-" if race["best_s"] is None else lap_text(race["best_s"]),
-            "-" if race["median_s"] is None else lap_text(race["median_s"]),
-            lap_text(race["theory_s"]),
-            "-" if race["median_excess"] is None else f"{100.0 * race['median_excess']:+.1f} %",
-            f"{race['line_distance_m']:.2f} m",
-            f"{race['off_track_s']:.1f} s",
-        )
-        for race in found
-    ]
-    return text_table(f"Races of {name}", head, rows, left=len(named))
+RACES: Final = {
+    "machine": "{vehicle}", "circuit": "{circuit}", "disturbances": "{disturbances}", "whole": "{whole} of {rides}",
+    "falls": "{falls}", "walls": "{walls}", "best": "{best_s!l}", "median": "{median_s!l}", "theory": "{theory_s!l}",
+    "over it": "{median_excess:+.1%}", "off line": "{line_distance_m:.2f} m", "off track": "{off_track_s:.1f} s",
+}  # fmt: skip
+"""Columns of the table of races."""

@@ -7,10 +7,17 @@ import sys
 import time
 from typing import Any, Final
 
+from bike_analysis.figures.cells import table_text
 from bike_training.progress import progress_bar
 from bike_training.replay import Difference, Replay, RideSource, read_rides, ride_again
 
 SCHEMA: Final = "bike.analyze_replay/1"
+APART: Final = {
+    "time s": "{time_s:.2f}",
+    "apart m": "{position_m:.3g}",
+    "roll °": "{roll_deg:+.3g}",
+    "steer °": "{steer_deg:+.3g}",
+}
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -86,9 +93,7 @@ def text_of(recorded: RideSource, replay: Replay) -> list[str]:
         lines.append(f"  {replay.stopped}")
     if replay.apart:
         lines.append("  how far they are apart, now less recorded:")
-        lines.append("   time s  apart m     roll °    steer °")
-    for apart in replay.apart:
-        lines.append(f"  {apart.time_s:7.2f}  {apart.position_m:8.3g}  {apart.roll_deg:+9.3g}  {apart.steer_deg:+9.3g}")
+        lines += [f"  {line}" for line in table_text(APART, [apart._asdict() for apart in replay.apart], left=0)]
     if replay.learned_difference is not None:
         lines.append(f"  what was learned from is not of this ride: {_where(replay.learned_difference)}")
     elif replay.learned:

@@ -19,8 +19,7 @@ from bike_training.reproduce.statement import NO, OPEN, YES, verdict_table
 from bike_training.reproduce.superbike import SUPERBIKE
 from bike_training.sweeps.display import Display
 from bike_training.sweeps.driver import do_runs
-from bike_training.sweeps.jobs import TrainJob
-from bike_training.sweeps.runs import Plan, make_plan, schedule, slots_of
+from bike_training.sweeps.runs import make_plan
 
 PAPERS: Final[dict[str, Paper[Any]]] = {paper.name: paper for paper in (BICYCLE, SUPERBIKE)}
 DATA: Final = "data"
@@ -44,11 +43,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     sweep = experiment.sweep()
     plan = make_plan(sweep, args.out)
     cores = float(args.cores or os.cpu_count() or 1)
-    most = _longest(plan, cores)
+    hours = plan.hours(cores)
     if not args.json:
-        print(f"{len(plan.runs)} runs, {len(plan.missing)} to do, at most {most:.1f} h on {cores:g} cores")
+        print(f"{len(plan.runs)} runs, {len(plan.missing)} to do, about {hours:.1f} h on {cores:g} cores")
     if args.plan:
-        figures = {"runs": len(plan.runs), "runs_missing": len(plan.missing), "at_most_h": most}
+        figures = {"runs": len(plan.runs), "runs_missing": len(plan.missing), "estimate_h": hours}
         return {"schema": "bike.reproduce/1", "ok": True, "figures": figures}
     if find_spec("ray") is None:
         raise ModuleNotFoundError("experiments need ray", name="ray")
@@ -94,14 +93,6 @@ def run_drawing(args: argparse.Namespace) -> dict[str, Any]:
     data = read_data(PAPERS[args.paper].file, args.data)
     make_folder("--out", args.out)
     return _outcome(args, data, ok=True)
-
-
-def _longest(plan: Plan, cores: float) -> float:
-    """Return the time that the missing runs take where none ends its curriculum, h."""
-    jobs = [each.run.job() for each in plan.missing]
-    whole = [TrainJob(replace(job.settings, until_finished=False)) for job in jobs if isinstance(job, TrainJob)]
-    seconds = [plan.scale * job.estimate() for job in whole]
-    return schedule(seconds, slots_of(cores, [TrainJob.cores])) / 3600.0
 
 
 def _outcome(args: argparse.Namespace, data: Any, ok: bool) -> dict[str, Any]:

@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
+from bike_analysis.figures.cells import table_text
 from bike_analysis.figures.circuit import Machine, Theory
 from bike_analysis.figures.numbers import lap_text
 from bike_analysis.report import analyze, analyze_laps
@@ -32,7 +31,7 @@ from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole, recording_folder
 from bike_training.commands.analyze import text_of
 from bike_training.commands.declarations import LARGEST_DOMAIN
-from bike_training.progress import progress_bar, text_table
+from bike_training.progress import progress_bar
 from bike_training.rollout.laps import ALLOWED_EXCESS, pair_figures, ride_laps
 from bike_training.rollout.rollout import time_for
 
@@ -99,7 +98,13 @@ def _ride(args: argparse.Namespace, domain: int, recording: Path, length: float,
 
 
 LAP_SCHEMA: Final = "bike.ride_laps/1"
-TABLE_WIDTH: Final = 130
+PAIRS: Final = {
+    "machine": "{vehicle}", "circuit": "{course}", "end": "{end}", "best lap": "{lap_s!l}",
+    "theoretical": "{limit_s!l}", "slowest over it": "{excess:+.1%}", "closest": "{closest_limit_s!l}",
+    "over it": "{closest_excess:+.1%}", "laps": "{laps}", "valid": "{valid_laps}",
+    "off line": "{line_error_max_m:.2f} m",
+}  # fmt: skip
+"""Columns of the table of laps."""
 GG_POINTS: Final = 25
 """Points of each half of a curve of the g-g diagram."""
 
@@ -117,9 +122,8 @@ def run_laps(args: argparse.Namespace) -> dict[str, Any]:
         pairs = list(itertools.product(shipped_superbikes(), shipped_tracks()))
     found = [_lap_figures(vehicle, circuit, args) for vehicle, circuit in pairs]
     if not args.json:
-        console = Console()
-        console.width = max(console.width, TABLE_WIDTH)
-        console.print(_table(found))
+        print(f"Flying laps, rider: {found[0]['rider']}")
+        print("\n".join(table_text(PAIRS, found, left=3)))
     return {"schema": LAP_SCHEMA, "ok": all(pair["ok"] for pair in found), "figures": {"pairs": found}}
 
 
@@ -219,31 +223,3 @@ def _lap_figures(vehicle: str, circuit: str, args: argparse.Namespace) -> dict[s
 
         ride = ride_laps(vehicle, circuit, laps, rider=rider, engine=args.engine, report=report)
     return pair_figures(ride, laps) | {"wall_s": round(time.monotonic() - began, 1)}
-
-
-def _table(found: list[dict[str, Any]]) -> Table:
-    head = (
-        *("machine", "circuit", "end", "best lap", "theoretical", "slowest over it", "closest", "over it", "laps"),
-        *("valid", "off line"),
-    )
-    rows = [
-        (
-            pair["vehicle"],
-            pair["course"],
-            pair["end"] if pair["ok"] else f"[red]{pair['end']}[/red]",
-            "-" if pair["lap_s"] is None else lap_text(pair["lap_s"]),
-            lap_text(pair["limit_s"]),
-            _percent(pair["excess"]),
-            lap_text(pair["closest_limit_s"]),
-            _percent(pair["closest_excess"]),
-            f"{pair['laps']}",
-            f"{pair['valid_laps']}",
-            f"{pair['line_error_max_m']:.2f} m",
-        )
-        for pair in found
-    ]
-    return text_table(f"Flying laps, rider: {found[0]['rider']}", head, rows, left=3)
-
-
-def _percent(part: float | None) -> str:
-    return "-" if part is None else f"{100.0 * part:+.1f} %"

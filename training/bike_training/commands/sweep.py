@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
-from collections.abc import Iterable, Sequence
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Final
 
@@ -40,11 +39,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from bike_training.sweeps.runs import make_plan
     from bike_training.sweeps.spec import load_sweep
 
-    def progress(runs: Sequence[Any]) -> Iterable[Any]:
-        shown: Iterable[Any] = tqdm(runs, unit="run", disable=args.json or None, leave=False)
-        return shown
-
-    sweep = load_sweep(args.spec, progress)
+    sweep = load_sweep(args.spec, lambda runs: tqdm(runs, unit="run", disable=args.json or None, leave=False))
     plan = make_plan(sweep, args.out)
     cores = float(args.cores or os.cpu_count() or 1)
     if not args.json:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import os
 import secrets
@@ -21,8 +22,6 @@ OBJECT_STORE: Final = 100 * 2**20
 START_ATTEMPTS: Final = 3
 SCRATCH: Final = "bike-ray-"
 """Beginning of the name of the folder with the sockets and logs of a local Ray; sockets need a short path."""
-NOTE: Final = ".ray"
-"""File in the folder of a sweep that names it, so that the sweep after a killed one removes it."""
 
 _LOCAL_ENVIRONMENT: Final = {
     # Named for other systems, this makes Ray take the loopback address as that of the machine: every server of it then
@@ -79,7 +78,7 @@ def ray_cluster(out: Path, address: str | None, cores: int | None) -> Iterator[A
         try:
             ray.init(address=address, **options)
         except (ConnectionError, RuntimeError, ValueError) as error:
-            raise ConnectionError(f"--address {address}: no Ray cluster answers ({_first_line(error)})") from None
+            raise ConnectionError(f"--address {address}: no Ray cluster answers ({first_line(error)})") from None
         yield from _with_signals(ray)
         return
     with _scratch(out) as scratch:
@@ -91,10 +90,8 @@ def ray_cluster(out: Path, address: str | None, cores: int | None) -> Iterator[A
 def _start(ray: Any, options: Mapping[str, Any]) -> None:
     """Start Ray here; it gives its processes 30 s, which a very busy machine may not.
 
-    An attempt that fails leaves the processes that it has started, until this one ends; they are ended here.
-
     Raises:
-        ConnectionError: it did not start, however often it was tried.
+        ConnectionError: it did not start, however often it was tried; no process of an attempt is left.
     """
     me = psutil.Process()
     for attempt in range(1, START_ATTEMPTS + 1):
@@ -108,7 +105,7 @@ def _start(ray: Any, options: Mapping[str, Any]) -> None:
                 with suppress(psutil.Error):
                     child.kill()
             if attempt == START_ATTEMPTS:
-                raise ConnectionError(f"Ray did not start on this machine ({_first_line(error)})") from error
+                raise ConnectionError(f"Ray did not start on this machine ({first_line(error)})") from error
 
 
 def _with_signals(ray: Any) -> Iterator[Any]:
@@ -129,22 +126,17 @@ def _worker_environment() -> dict[str, str]:
 
 @contextmanager
 def _scratch(out: Path) -> Iterator[str]:
-    """Make the folder of a local Ray, remove it after use, and one that a killed sweep has left."""
-    note = out / NOTE
-    with suppress(OSError, UnicodeDecodeError):
-        left = Path(note.read_text(encoding="utf-8"))
-        if left.name.startswith(SCRATCH) and left.parent == Path(tempfile.gettempdir()):
-            shutil.rmtree(left, ignore_errors=True)
-    scratch = tempfile.mkdtemp(prefix=SCRATCH)
+    """Make the folder of a local Ray and remove it after use; its name finds one that a killed sweep has left."""
+    digest = hashlib.sha256(str(out.resolve()).encode()).hexdigest()[:10]
+    folder = Path(tempfile.gettempdir()) / f"{SCRATCH}{os.getuid()}-{digest}"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(mode=0o700)
     try:
-        with suppress(OSError):
-            note.write_text(scratch, encoding="utf-8")
-        yield scratch
+        yield str(folder)
     finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-        with suppress(OSError):
-            note.unlink(missing_ok=True)
+        shutil.rmtree(folder, ignore_errors=True)
 
 
-def _first_line(error: Exception) -> str:
+def first_line(error: Exception) -> str:
+    """Return the first line of an error's text, or the name of its kind where it has none."""
     return (str(error).strip().splitlines() or [type(error).__name__])[0][:200]

@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from bike_training.sweeps.cluster import ray_cluster
+from bike_training.sweeps.cluster import first_line, ray_cluster
 from bike_training.sweeps.display import Display
 from bike_training.sweeps.runs import (
     FAILED,
@@ -107,16 +107,17 @@ def _collect(ray: Any, waiting: dict[Any, PlannedRun], display: Display, patienc
 
 def _record_of(ray: Any, reference: Any) -> dict[str, Any]:
     """Return the record of a run that has ended, however it ended."""
+    errors = ray.exceptions
     try:
         record: dict[str, Any] = ray.get(reference)
-    except ray.exceptions.TaskCancelledError:
+    except errors.TaskCancelledError:
         return {"status": INTERRUPTED}
-    except (ray.exceptions.WorkerCrashedError, ray.exceptions.NodeDiedError, ray.exceptions.OutOfMemoryError) as error:
-        why = "memory ran out" if isinstance(error, ray.exceptions.OutOfMemoryError) else "its worker was lost"
-        return {"status": FAILED, "error": f"{why} more often than retries allow"}
-    except ray.exceptions.RayError as error:
-        lines = str(error).strip().splitlines()
-        return {"status": FAILED, "error": (lines[0] if lines else type(error).__name__)[:300]}
+    except errors.OutOfMemoryError:
+        return {"status": FAILED, "error": "memory ran out more often than retries allow"}
+    except (errors.WorkerCrashedError, errors.NodeDiedError):
+        return {"status": FAILED, "error": "its worker was lost more often than retries allow"}
+    except errors.RayError as error:
+        return {"status": FAILED, "error": first_line(error)}
     return record
 
 

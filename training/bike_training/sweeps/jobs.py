@@ -10,14 +10,16 @@ value.
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
+from types import UnionType
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Self, get_origin, get_type_hints
 
 from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_policy.riders.classical import CLASSICAL
@@ -27,6 +29,7 @@ from bike_sim.course.random_courses import seed_of
 from bike_sim.documents import show
 from bike_sim.physics.engines import ENGINE_KINDS, SUPERBIKE_ENGINES
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles import files as vehicle_files
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole
@@ -63,13 +66,8 @@ def check_circuit(name: str) -> None:
         course_files.load_track(name)
 
 
-def check_kinds(task: str, entries: Mapping[str, Any], kinds: Mapping[str, tuple[type, ...]]) -> None:
+def check_kinds(task: str, entries: Mapping[str, Any], kinds: Mapping[str, type | UnionType]) -> None:
     """Check names and kinds of the entries of a run.
-
-    Args:
-        task: its task.
-        entries: as the file has them.
-        kinds: what each may be.
 
     Raises:
         ValueError: naming the entry and its value.
@@ -78,25 +76,15 @@ def check_kinds(task: str, entries: Mapping[str, Any], kinds: Mapping[str, tuple
         if name not in kinds:
             raise ValueError(f"task {task} has no entry {name!r}; it has {', '.join(sorted(kinds))}")
         wanted = kinds[name]
-        if not isinstance(value, wanted) or (isinstance(value, bool) and bool not in wanted):
-            named = " or ".join(kind.__name__ for kind in wanted)
+        if not isinstance(value, wanted) or (isinstance(value, bool) and wanted is not bool):
+            named = getattr(wanted, "__name__", str(wanted).replace(" |", " or"))
             raise ValueError(f"{name} must be {named}, got {show(value)}")
 
 
-_TRAIN_KINDS: Final[Mapping[str, tuple[type, ...]]] = {
-    "vehicle": (str,),
-    "preset": (str,),
-    "set": (dict,),
-    "client": (str,),
-    "engine": (str,),
-    "time_step": (int, float),
-    "simulators": (int,),
-    "seed": (int,),
-    "steps": (int,),
-    "until_finished": (bool,),
-    "checkpoint_every": (int,),
-    "record_every": (int,),
-    "keep_every": (int,),
+_TRAIN_KINDS: Final[Mapping[str, type | UnionType]] = {
+    **dict.fromkeys(("vehicle", "preset", "client", "engine"), str),
+    **dict.fromkeys(("simulators", "seed", "steps", "checkpoint_every", "record_every", "keep_every"), int),
+    **{"set": dict, "until_finished": bool, "time_step": int | float},
 }
 _KEPT: Final = (
     "steps",
@@ -110,6 +98,7 @@ _KEPT: Final = (
 )
 """Entries of a run's summary that are figures of it; the rest says what it is."""
 
+_VALIDATION_COLUMNS: Final = ("mean_error_m", "max_error_m", "mean_excess", "max_excess", "part", "seconds")
 _EPISODE_COLUMNS: Final = {"rollout/ep_len_mean": "episode_steps", "rollout/ep_rew_mean": "episode_return"}
 
 LEARNING_START_SECONDS: Final = 14.0
@@ -181,24 +170,16 @@ class TrainJob:
     @staticmethod
     def curve(folder: Path) -> list[tuple[str, float, float]]:
         """Return validations, comparisons, and mean length and return of episodes over the learning steps."""
-        rows = _columns(
-            folder / "validations.csv",
-            "step",
-            ("mean_error_m", "max_error_m", "mean_excess", "max_excess", "part", "seconds"),
-        )
-        rows += _episodes(folder / "tensorboard")
+        rows = _columns(folder / "validations.csv", "step", {name: name for name in _VALIDATION_COLUMNS})
+        episodes: list[tuple[str, float, float]] = []
+        for path in sorted((folder / "tensorboard").glob("progress*.csv"), key=_began_at):
+            # A session's rows take the place of those it was begun anew from.
+            episodes = [row for row in episodes if row[1] <= _began_at(path)]
+            episodes += _columns(path, "time/total_timesteps", _EPISODE_COLUMNS)
+        rows += episodes
         with suppress(FileNotFoundError), (folder / "selection.csv").open(encoding="utf-8") as file:
             rows += [("selection_rms_m", float(step), float(error)) for step, error in csv.reader(file)]
         return rows
-
-
-def _episodes(folder: Path) -> list[tuple[str, float, float]]:
-    """Return mean length and return of episodes; a session's rows take the place of those it was begun anew from."""
-    rows: list[tuple[str, float, float]] = []
-    for path in sorted(folder.glob("progress*.csv"), key=_began_at):
-        rows = [row for row in rows if row[1] <= _began_at(path)]
-        rows += _columns(path, "time/total_timesteps", _EPISODE_COLUMNS, _EPISODE_COLUMNS)
-    return rows
 
 
 def _began_at(path: Path) -> int:
@@ -207,29 +188,18 @@ def _began_at(path: Path) -> int:
     return int(number) if number.isdigit() else 0
 
 
-def _columns(
-    path: Path, axis: str, names: Any, renamed: Mapping[str, str] | None = None
-) -> list[tuple[str, float, float]]:
-    """Return columns of a table of a run as rows of a curve; a field that is empty or cut short is left out."""
+def _columns(path: Path, axis: str, names: Mapping[str, str]) -> list[tuple[str, float, float]]:
+    """Return named columns of a table of a run as rows of a curve; a field that is empty or cut short is left out."""
     rows: list[tuple[str, float, float]] = []
     with suppress(FileNotFoundError), path.open(encoding="utf-8", newline="") as file:
         for record in csv.DictReader(file):
-            for name in names:
+            for name, quantity in names.items():
                 with suppress(KeyError, TypeError, ValueError):
-                    quantity = renamed[name] if renamed else name
                     rows.append((quantity, float(record[axis]), float(record[name])))
     return rows
 
 
 FIGURES_FILE: Final = "figures.json"
-
-_EVALUATE_KINDS: Final[Mapping[str, tuple[type, ...]]] = {
-    **dict.fromkeys(("policy", "course", "client", "vehicle", "engine"), (str,)),
-    "speeds": (list,),
-    "random_rides": (int,),
-    "seed": (int,),
-    "time_step": (int, float),
-}
 
 START_SECONDS: Final = 6.0
 """Processor time until the first ride: packages and kernels are loaded, s."""
@@ -242,9 +212,27 @@ LINE_SECONDS: Final = 20.0
 
 
 class RidingJob(ABC):
-    """Rides whose figures stay in the folder of the run; curves are drawn from them."""
+    """Rides whose figures stay in the folder of the run; curves are drawn from them. Its fields are its entries."""
 
+    task: ClassVar[str]
     cores: ClassVar[float] = 1.0
+
+    @classmethod
+    def from_entries(cls, entries: Mapping[str, Any]) -> Self:
+        """Check entries, and that what they name exists."""
+        kinds = {name: kind for name, kind in get_type_hints(cls).items() if get_origin(kind) is not ClassVar}
+        check_kinds(cls.task, entries, {name: get_origin(kind) or kind for name, kind in kinds.items()})
+        job = cls(**entries)
+        job.check()
+        return job
+
+    @abstractmethod
+    def check(self) -> None:
+        """Check the values of its entries.
+
+        Raises:
+            ValueError: naming the entry. FileNotFoundError: an unknown vehicle, course or rider.
+        """
 
     @abstractmethod
     def ride(self, report: Report) -> dict[str, Any]:
@@ -270,7 +258,7 @@ class RidingJob(ABC):
 
 @dataclass(frozen=True)
 class EvaluateJob(RidingJob):
-    """An evaluation of a policy, as `bike evaluate`.
+    """An evaluation of a policy, as `bike evaluate`; entries are its options.
 
     Attributes:
         policy: name of a rider or bundle, or folder of one.
@@ -279,68 +267,64 @@ class EvaluateJob(RidingJob):
         random_rides: rides on random paths at each speed.
         seed: of the random paths.
         client: ``local`` or ``ros``.
-        config: vehicle, engine and step.
+        vehicle: name or file of a bicycle.
+        engine: that integrates it.
+        time_step: of the engine, s.
     """
 
-    policy: str
-    course: str
-    speeds: tuple[float, ...]
-    random_rides: int
-    seed: int
-    client: str
-    config: SimulatorConfig
+    policy: str = DEFAULT_POLICY
+    course: str = "benchmark"
+    speeds: list[float] = field(default_factory=lambda: list(SPEEDS))
+    random_rides: int = 1
+    seed: int = 0
+    client: str = "local"
+    vehicle: str = SimulatorConfig.vehicle
+    engine: str = "pybullet"
+    time_step: int | float = 0.001
 
+    task: ClassVar[str] = "evaluate"
     memory_gb: ClassVar[float] = 0.8
     axis: ClassVar[str] = "speed_m_s"
 
-    @classmethod
-    def from_entries(cls, entries: Mapping[str, Any]) -> Self:
-        """Check entries: those of `bike evaluate`."""
-        check_kinds("evaluate", entries, _EVALUATE_KINDS)
-        policy, course = entries.get("policy", DEFAULT_POLICY), entries.get("course", "benchmark")
-        client, engine = entries.get("client", "local"), entries.get("engine", "pybullet")
-        for name, value, known in (("client", client, CLIENT_KINDS), ("engine", engine, ENGINE_KINDS)):
-            if value not in known:
-                raise ValueError(f"{name} {show(value)} is not one of {', '.join(known)}")
-        speeds = entries.get("speeds", list(SPEEDS))
+    @property
+    def config(self) -> SimulatorConfig:
+        """Vehicle, engine and step."""
+        return SimulatorConfig(self.vehicle, self.engine, float(self.time_step))
+
+    def check(self) -> None:
+        """Check the values of its entries."""
+        for name, known in (("client", CLIENT_KINDS), ("engine", ENGINE_KINDS)):
+            if getattr(self, name) not in known:
+                raise ValueError(f"{name} {show(getattr(self, name))} is not one of {', '.join(known)}")
+        speeds = self.speeds
         if not speeds or not all(isinstance(speed, int | float) and not isinstance(speed, bool) for speed in speeds):
             raise ValueError(f"speeds must be numbers, got {show(speeds)}")
         for speed in speeds:
             check_positive("speeds", speed, "m/s")
-        time_step = float(entries.get("time_step", 0.001))
-        check_positive("time_step", time_step, "s")
-        rides, seed = entries.get("random_rides", 1), entries.get("seed", 0)
-        check_whole("random_rides", rides, 0)
-        check_whole("seed", seed, 0)
-        config = SimulatorConfig(entries.get("vehicle", SimulatorConfig.vehicle), engine, time_step)
-        load_vehicle(config.vehicle)
-        load_course(course)
-        bundle = bundle_of(load_rider(policy))
+        check_positive("time_step", self.time_step, "s")
+        check_whole("random_rides", self.random_rides, 0)
+        check_whole("seed", self.seed, 0)
+        load_vehicle(self.vehicle)
+        load_course(self.course)
+        bundle = bundle_of(load_rider(self.policy))
         if bundle is not None:
-            bundle.check_fit(config.vehicle, config.control_period)
-        return cls(policy, course, tuple(map(float, speeds)), rides, seed, client, config)
+            bundle.check_fit(self.vehicle, self.config.control_period)
 
     def estimate(self) -> float:
         """Return the processor time that it will take, s."""
         rides = len(self.speeds) * (1 + self.random_rides)
-        ride = RIDE_SECONDS.get(self.config.engine, RIDE_SECONDS["pybullet"])
-        return START_SECONDS + rides * ride * 0.001 / self.config.time_step
+        ride = RIDE_SECONDS.get(self.engine, RIDE_SECONDS["pybullet"])
+        return START_SECONDS + rides * ride * 0.001 / self.time_step
 
     def ride(self, report: Report) -> dict[str, Any]:
         """Ride all of it."""
-        rider, ridden = make_rider(self.policy), 0
+        rider, ridden = make_rider(self.policy), itertools.count(1)
         total = len(self.speeds) * (1 + self.random_rides)
-
-        def tick() -> None:
-            nonlocal ridden
-            ridden += 1
-            report(ridden, total, "")
-
         client = make_client(self.client, self.config)
         try:
             return evaluate(
                 lambda request, longest: ride_through(client, rider, request, longest),
-                self.course, self.speeds, self.random_rides, self.seed, tick,
+                self.course, self.speeds, self.random_rides, self.seed, lambda: report(next(ridden), total, ""),
             )  # fmt: skip
         finally:
             client.close()
@@ -358,7 +342,7 @@ class EvaluateJob(RidingJob):
 
 @dataclass(frozen=True)
 class LapJob(RidingJob):
-    """Laps of a superbike, as `bike ride` on a circuit.
+    """Laps of a superbike, as `bike ride` on a circuit; entries are its options.
 
     Attributes:
         vehicle: name or file of a superbike.
@@ -368,30 +352,25 @@ class LapJob(RidingJob):
         engine: that integrates the machine.
     """
 
-    vehicle: str
-    course: str
-    laps: int
+    vehicle: str = "panigale_v4r"
+    course: str = "barcelona"
+    laps: int = 3
     rider: str = CLASSICAL
     engine: str = SUPERBIKE_ENGINES[0]
 
+    task: ClassVar[str] = "lap"
     memory_gb: ClassVar[float] = 1.0
     axis: ClassVar[str] = "lap"
 
-    @classmethod
-    def from_entries(cls, entries: Mapping[str, Any]) -> Self:
-        """Check entries: those of `bike ride` on a circuit."""
-        check_kinds("lap", entries, dict.fromkeys(("vehicle", "course", "rider", "engine"), (str,)) | {"laps": (int,)})
-        vehicle, course = entries.get("vehicle", "panigale_v4r"), entries.get("course", "barcelona")
-        laps, rider = entries.get("laps", 3), entries.get("rider", CLASSICAL)
-        engine = entries.get("engine", SUPERBIKE_ENGINES[0])
-        check_whole("laps", laps, 1)
-        if engine not in SUPERBIKE_ENGINES:
-            raise ValueError(f"engine must be one of {', '.join(SUPERBIKE_ENGINES)}, got {show(engine)}")
-        if not isinstance(load_vehicle(vehicle), Superbike):
-            raise ValueError(f"vehicle {show(vehicle)} is no superbike; laps are ridden on superbikes")
-        check_circuit(course)
-        load_rider(rider)
-        return cls(vehicle, course, laps, rider, engine)
+    def check(self) -> None:
+        """Check the values of its entries."""
+        check_whole("laps", self.laps, 1)
+        if self.engine not in SUPERBIKE_ENGINES:
+            raise ValueError(f"engine must be one of {', '.join(SUPERBIKE_ENGINES)}, got {show(self.engine)}")
+        if not isinstance(load_vehicle(self.vehicle), Superbike):
+            raise ValueError(f"vehicle {show(self.vehicle)} is no superbike; laps are ridden on superbikes")
+        check_circuit(self.course)
+        load_rider(self.rider)
 
     def estimate(self) -> float:
         """Return the processor time that it will take, s."""
@@ -399,17 +378,14 @@ class LapJob(RidingJob):
 
     def ride(self, report: Report) -> dict[str, Any]:
         """Ride the out-lap and the flying laps."""
-        ridden = ride_laps(
-            self.vehicle,
-            self.course,
-            self.laps,
-            rider=make_rider(self.rider),
-            engine=self.engine,
-            report=lambda snapshot, length: (
-                report(snapshot.progress, length * (self.laps + 1), "") if snapshot.step % 50 == 0 else None
-            ),
-        )
-        return pair_figures(ridden, self.laps)
+        rider, laps = make_rider(self.rider), self.laps
+
+        def show_place(snapshot: Snapshot, length: float) -> None:
+            if snapshot.step % 50 == 0:
+                report(snapshot.progress, length * (laps + 1), "")
+
+        ridden = ride_laps(self.vehicle, self.course, laps, rider=rider, engine=self.engine, report=show_place)
+        return pair_figures(ridden, laps)
 
     @staticmethod
     def points(figures: Mapping[str, Any]) -> list[tuple[str, float, float]]:
@@ -418,9 +394,5 @@ class LapJob(RidingJob):
 
 
 Job = TrainJob | EvaluateJob | LapJob
-JOBS: Final[dict[str, type[TrainJob] | type[EvaluateJob] | type[LapJob]]] = {
-    "train": TrainJob,
-    "evaluate": EvaluateJob,
-    "lap": LapJob,
-}
+JOBS: Final[dict[str, type[Job]]] = {"train": TrainJob, "evaluate": EvaluateJob, "lap": LapJob}
 """Every kind of run by the name of its task."""

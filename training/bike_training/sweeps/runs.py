@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import heapq
 import json
 import os
 import socket
 import statistics
 import time
 import traceback
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -68,14 +66,6 @@ def folder_of(runs: Path, name: str, digest: str) -> Path:
     return known[0] if known else runs / name
 
 
-def note_attempt(folder: Path, attempt: dict[str, Any]) -> int:
-    """Write down that an attempt begins, and return its number, from 1."""
-    path = folder / ATTEMPTS_FILE
-    with path.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(attempt) + "\n")
-    return len(path.read_text(encoding="utf-8").splitlines())
-
-
 RUNS_FOLDER: Final = "runs"
 
 
@@ -128,9 +118,10 @@ class Plan:
         return {status: found.count(status) for status in (FINISHED, FAILED, INTERRUPTED, MISSING)}
 
     def hours(self, cores: float) -> float:
-        """Return the time that what is missing is expected to take, h."""
-        needs = [(run.seconds, run.run.cores) for run in self.missing]
-        return schedule([seconds for seconds, _ in needs], slots_of(cores, [need for _, need in needs])) / 3600.0
+        """Return the time that what is missing is expected to take, h: its work shared evenly, or its longest run."""
+        slots = max(1, int(cores / max((run.run.cores for run in self.missing), default=1.0) + 1e-9))
+        seconds = [run.seconds for run in self.missing]
+        return max(sum(seconds) / slots, *seconds[:1], 0.0) / 3600.0
 
 
 def make_plan(sweep: Sweep, out: Path) -> Plan:
@@ -152,30 +143,6 @@ def make_plan(sweep: Sweep, out: Path) -> Plan:
         ),
         scale,
     )
-
-
-def slots_of(cores: float, needs: Sequence[float]) -> int:
-    """Return how many runs are done side by side.
-
-    Args:
-        cores: processor cores.
-        needs: cores that each run declares.
-    """
-    return max(1, int(cores / max(needs, default=1.0) + 1e-9))
-
-
-def schedule(seconds: Sequence[float], slots: int, start: float = 0.0) -> float:
-    """Return when the last run ends, s, where each begins as soon as a slot is free, in order.
-
-    Args:
-        seconds: duration of each run, s.
-        slots: runs side by side.
-        start: time that a slot needs before each run, s.
-    """
-    free = [0.0] * slots
-    for duration in seconds:
-        heapq.heapreplace(free, free[0] + start + duration)
-    return max(free)
 
 
 CLAIM_TIMEOUT_S: Final = 60.0
@@ -204,7 +171,7 @@ def execute(
         stops no other run.
     """
     began, clock, processor = datetime.now(UTC), time.perf_counter(), time.process_time()
-    record = {
+    record: dict[str, Any] = {
         "schema": SCHEMA,
         "run": folder.name,
         "digest": run.digest,
@@ -219,11 +186,13 @@ def execute(
             if done is not None:
                 return done
             (folder / FAILURE_FILE).unlink(missing_ok=True)
-            attempt = note_attempt(
-                folder, {"started_at": record["started_at"], "host": record["host"], "pid": os.getpid()}
-            )
+            with (folder / ATTEMPTS_FILE).open("a+", encoding="utf-8") as file:
+                begun = {"started_at": record["started_at"], "host": record["host"], "pid": os.getpid()}
+                file.write(json.dumps(begun) + "\n")
+                file.seek(0)
+                attempt = len(file.readlines())
             figures, interrupted = run.job().run(folder, _throttled(report, report_period))
-            ended: dict[str, Any] = {
+            record |= {
                 "status": INTERRUPTED if interrupted else FINISHED,
                 "figures": figures,
                 "attempts": attempt,
@@ -232,7 +201,6 @@ def execute(
                 "commit": source_commit(),
                 "ended_at": datetime.now(UTC).isoformat(timespec="seconds"),
             }
-            record |= ended
             if not interrupted:
                 write_record(folder / RESULT_FILE, record)
             return record
@@ -253,24 +221,20 @@ def _failure(folder: Path, error: Exception) -> dict[str, Any]:
     return failure
 
 
-@contextmanager
-def _claimed(folder: Path) -> Iterator[None]:
-    """Hold the folder of a run; a worker whose driver was killed lets go of it within seconds.
+def _claimed(folder: Path) -> Claim:
+    """Claim the folder of a run; a worker whose driver was killed lets go of it within seconds.
 
     Raises:
         OSError: another process holds it for too long.
     """
     end = time.monotonic() + CLAIM_TIMEOUT_S
-    claim: Claim | None = None
-    while claim is None:
+    while True:
         try:
-            claim = claim_folder(folder)
+            return claim_folder(folder)
         except OSError:
             if time.monotonic() > end:
                 raise
             time.sleep(0.2)
-    with claim:
-        yield
 
 
 def _throttled(report: Report | None, every: float) -> Report:
