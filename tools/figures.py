@@ -22,10 +22,12 @@ import re
 import subprocess
 from argparse import Action, HelpFormatter
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from textwrap import dedent, fill
 from typing import Any, Final
+
+from bike_analysis.figures.cells import markdown
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 DATA: Final = ROOT / "docs" / "data"
@@ -79,12 +81,6 @@ def read_records(name: str) -> list[dict[str, str]]:
     return [dict(zip(names, row, strict=True)) for row in rows]
 
 
-def markdown(names: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table as Markdown."""
-    lines = [names, ["---"] * len(names), *rows]
-    return "".join(f"| {' | '.join(cells)} |\n" for cells in lines).replace("| --- ", "|---").replace("--- |", "---|")
-
-
 def changed_sources(head: Mapping[str, str]) -> list[str]:
     """Return the sources of data that have changed since its commit; none where the history does not reach it."""
     found = []
@@ -109,7 +105,7 @@ def origin(path: Path) -> str:
 def shipped(name: str) -> str:
     """Return a table as it is in its file."""
     names, *rows = read_rows(name)
-    return markdown(names, rows) + origin(DATA / f"{name}.csv")
+    return markdown([names, *rows]) + origin(DATA / f"{name}.csv")
 
 
 def pairs(name: str) -> str:
@@ -127,7 +123,7 @@ def pairs(name: str) -> str:
         for row in read_records(name)
     ]
     names = ("machine", "circuit", "rides whole", "best, s", "median, s", "over the closest line", "off the line")
-    return markdown(names, rows) + origin(DATA / f"{name}.csv")
+    return markdown([names, *rows]) + origin(DATA / f"{name}.csv")
 
 
 def random_circuits(name: str) -> str:
@@ -144,7 +140,7 @@ def random_circuits(name: str) -> str:
         middle = 0.5 * (excess[(len(excess) - 1) // 2] + excess[len(excess) // 2])
         rows.append([machine, f"{whole} of {rides}", *(f"{value:.1f} %" for value in (middle, excess[0], excess[-1]))])
     names = ("machine", "rides whole", "median over the closest line", "least", "largest")
-    return markdown(names, rows) + origin(DATA / f"{name}.csv")
+    return markdown([names, *rows]) + origin(DATA / f"{name}.csv")
 
 
 def headline(name: str) -> str:
@@ -184,7 +180,7 @@ def headline(name: str) -> str:
     old = sorted({source for head in heads.values() for source in changed_sources(head)})
     line = "Measured at commits " + ", ".join(dict.fromkeys(f"{h['commit']} ({h['date']})" for h in heads.values()))
     line = f"*{line}{'; changed since: ' + ', '.join(old) if old else ''}*"
-    table = markdown(("figure", "here", "published", "command"), rows)
+    table = markdown([("figure", "here", "published", "command"), *rows])
     return f"{table}\n{fill(line, 120, break_long_words=False, break_on_hyphens=False)}\n"
 
 

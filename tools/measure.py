@@ -1,22 +1,19 @@
 """Make the data of the documents' tables anew: ``make measure``, or ``tools/measure.py [CLASS] [--only NAME]``.
 
 It runs the command in the head of each file of `TABLES` and writes the file with its head. What is no older than its
-sources is left alone. Each command's answer is kept in ``out/measure`` until its sources change, so that the same call
-goes on where it was stopped. One command runs on each core; those that measure time run alone, after all others.
+sources is left alone, so that the same call goes on where it was stopped.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
-import hashlib
 import json
-import os
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -24,7 +21,6 @@ from figures import DATA, ROOT, SOURCES, changed_sources, read_head
 
 CLASSES: Final[Mapping[str, float]] = {"minutes": 900.0, "hour": 7200.0, "days": float("inf")}
 """Longest duration of a measurement, s."""
-ANSWERS: Final = ROOT / "out" / "measure"
 Rows = list[list[Any]]
 
 
@@ -140,12 +136,10 @@ class Table(NamedTuple):
     Attributes:
         rows: makes its rows of the commands' answers.
         variants: words behind the command of its head, a run each.
-        alone: whether it measures time.
     """
 
     rows: Callable[[Sequence[Any]], Rows]
     variants: tuple[str, ...] = ("",)
-    alone: bool = False
 
 
 def _circuits(first: int, last: int) -> tuple[str]:
@@ -192,7 +186,7 @@ TABLES: Final[Mapping[str, Table]] = {
     "racer_random": Table(races, _circuits(100, 139)),
     "generalist_pairs": Table(races),
     "generalist_random": Table(races, _circuits(100, 199)),
-    "speed": Table(speeds, alone=True),
+    "speed": Table(speeds),
 }
 """Data that one command makes. Trainings and papers take days: theirs is what ``bike reproduce`` and ``bike sweep``
 leave, which go on where they were stopped too."""
@@ -207,22 +201,17 @@ def _sources(name: str) -> list[str]:
 
 
 def answer(name: str, variant: str) -> tuple[Any, float]:
-    """Give a command, or return what it answered on the same sources, and the seconds that it took."""
-    head = read_head(DATA / f"{name}.csv")
-    words = [*head["command"].removeprefix("bike ").split(), *variant.split()]
+    """Give a command, and return what it answered and the seconds that it took."""
+    words = [*read_head(DATA / f"{name}.csv")["command"].removeprefix("bike ").split(), *variant.split()]
     words += [] if "--json" in words else ["--json"]
-    key = hashlib.sha256(f"{words} {_git('log', '-1', '--format=%h', '--', *_sources(name))}".encode()).hexdigest()[:16]
-    path = ANSWERS / f"{key}.json"
-    if not path.exists():
+    with tempfile.TemporaryDirectory() as folder:
+        out = ["--out", folder] if words[0] == "evaluate" else []
         began = time.monotonic()
-        out = ["--out", str(ANSWERS / key)] if words[0] == "evaluate" else []
         bike = [sys.executable, "-m", "bike_training.cli", *words, *out]
         done = subprocess.run(bike, cwd=ROOT, capture_output=True, text=True, check=False)
-        if not done.stdout.startswith("{"):
-            raise RuntimeError(f"{name}: bike {' '.join(words)}: {done.stderr.strip().splitlines()[-1:]}")
-        path.write_text(json.dumps([json.loads(done.stdout), time.monotonic() - began]), encoding="utf-8")
-    found, seconds = json.loads(path.read_text(encoding="utf-8"))
-    return found, seconds
+    if not done.stdout.startswith("{"):
+        raise RuntimeError(f"{name}: bike {' '.join(words)}: {done.stderr.strip().splitlines()[-1:]}")
+    return json.loads(done.stdout), time.monotonic() - began
 
 
 def write(name: str, answers: Sequence[tuple[Any, float]]) -> None:
@@ -255,24 +244,11 @@ def main() -> None:
         parser.error(
             f"sources are not committed, so the data would name a commit that it is not of: {dirty.split()[1]}"
         )
-    ANSWERS.mkdir(parents=True, exist_ok=True)
     left = sum(map(duration, names))
-    for alone in (False, True):
-        runs = [(name, variant) for name in names if TABLES[name].alone is alone for variant in TABLES[name].variants]
-        cores = 1 if alone else os.cpu_count() or 1
-        with ThreadPoolExecutor(cores) as pool:
-            running = {pool.submit(answer, *run): run for run in runs}
-            found: dict[tuple[str, str], tuple[Any, float]] = {}
-            for done in as_completed(running):
-                name, variant = running[done]
-                found[name, variant] = done.result()
-                left -= duration(name) / len(TABLES[name].variants)
-                print(
-                    f"{name} {variant}: {found[name, variant][1]:.0f} s; about {left / 60 / cores:.0f} minutes left",
-                    flush=True,
-                )
-                if all((name, each) in found for each in TABLES[name].variants):
-                    write(name, [found[name, each] for each in TABLES[name].variants])
+    for name in names:
+        write(name, [answer(name, variant) for variant in TABLES[name].variants])
+        left -= duration(name)
+        print(f"{name} written; about {left / 60:.0f} minutes left", flush=True)
 
 
 if __name__ == "__main__":
