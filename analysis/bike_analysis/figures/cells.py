@@ -63,3 +63,13 @@ def lines_of(rows: Sequence[Sequence[str]], left: int = 1) -> list[str]:
         ).rstrip()
         for row in whole
     ]
+
+
+def markdown(rows: Sequence[Sequence[Any]]) -> str:
+    """Return rows of cells, the headings first, as a table in Markdown."""
+
+    def line(row: Sequence[Any]) -> str:
+        return "".join(f"| {cell} " if str(cell) else "| " for cell in row) + "|\n"
+
+    head, *others = rows
+    return "".join([line(head), "|---" * len(head) + "|\n", *map(line, others)])

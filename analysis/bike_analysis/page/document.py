@@ -58,13 +58,6 @@ def colour(name: str) -> str:
     return _LIGHT[name]
 
 
-def colour_variables(svg: str) -> str:
-    """Let a picture take the page's colours: those of the light scheme become the variables that the page declares."""
-    for name, value in _LIGHT.items():
-        svg = svg.replace(value, f"var(--{name})")
-    return svg
-
-
 def style_variables(dark: bool) -> str:
     """Declare the colours as CSS variables.
 

@@ -1,10 +1,8 @@
-"""The report of a sweep: figures with intervals, pictures, one HTML page without network, and CSV files."""
+"""The report of a sweep: figures with intervals, pictures, one page of Markdown, and CSV files."""
 
 from __future__ import annotations
 
-import io
 import os
-import re
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -18,17 +16,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from bike_analysis.figures.cells import cells
-from bike_analysis.page.document import (
-    RC,
-    colour,
-    colour_variables,
-    html_text,
-    key_html,
-    page_shell,
-    program_version,
-    table_html,
-)
+from bike_analysis.figures.cells import cells, markdown
+from bike_analysis.page.document import RC, colour, program_version
 from bike_analysis.page.view import SERIES_COLOURS
 from bike_analysis.read.container import shown
 from bike_analysis.sweeps.statistics import band
@@ -40,7 +29,9 @@ from bike_analysis.sweeps.tables import (
     read_tables,
 )
 
-PAGE_NAME: Final = "report.html"
+PAGE_NAME: Final = "report.md"
+MAX_ERROR: Final = 400
+"""Characters of a cell."""
 DRAWN_QUANTITIES: Final = ("mean_error_m", "part", "episode_steps", "selection_rms_m")
 """Curves that pictures show where a sweep has them; else the first four it has."""
 _MIN_POINTS: Final = 2
@@ -54,23 +45,6 @@ LOG_QUANTITIES: Final = ("mean_error_m", "max_error_m", "selection_rms_m")
 """Quantities with a logarithmic axis: they fall by orders of magnitude."""
 UNITS: Final = {"_m_s2": "m/s²", "_m_s": "m/s", "_deg_s": "°/s", "_nm": "N m", "_m": "m", "_s": "s", "_deg": "°"}
 """Units of columns by the ending of their names, the longer first."""
-_DIMENSION: Final = re.compile(rb'(<svg[^>]*?) width="[^"]*" height="[^"]*"|(<svg[^>]*?) height="[^"]*" width="[^"]*"')
-
-
-class Picture(NamedTuple):
-    """A picture as a file and on the page.
-
-    Attributes:
-        title: headline of its section.
-        caption: below it.
-        file: name.
-        figure: all panels, with a legend.
-    """
-
-    title: str
-    caption: str
-    file: str
-    figure: Figure
 
 
 def report_sweep(folder: str | os.PathLike[str], out: str | os.PathLike[str] | None = None) -> dict[str, Any]:
@@ -90,39 +64,24 @@ def report_sweep(folder: str | os.PathLike[str], out: str | os.PathLike[str] | N
     """
     runs, curves = read_tables(folder)
     name = Path(folder).resolve().name
-    figures, compared = group_figures(runs), comparisons(runs)
     report: dict[str, Any] = {"sweep": name, "runs": len(runs), "finished": len(finished(runs))}
-    report |= {"groups": figures, "comparisons": compared}
+    report |= {"groups": group_figures(runs), "comparisons": comparisons(runs)}
     if out is None:
         return report
     target = Path(out)
     target.mkdir(parents=True, exist_ok=True)
-    pictures = _draw(runs, curves)
-    for picture in pictures:
-        picture.figure.savefig(target / picture.file, dpi=160)
-    (target / PAGE_NAME).write_text(_page(name, runs, figures, compared, pictures), encoding="utf-8")
-    for rows, file in ((figures, "figures.csv"), (compared, "comparisons.csv")):
-        pd.DataFrame(rows).to_csv(target / file, index=False, float_format="%.10g")
-    return report | {"page": str(target / PAGE_NAME), "pictures": [str(target / each.file) for each in pictures]}
-
-
-# -------------------------------------------------------------------------------------------------------- pictures
-
-
-def _draw(runs: pd.DataFrame, curves: pd.DataFrame) -> list[Picture]:
-    """Draw the curves, as far as there is something to draw."""
     pictures = []
     for axis in map(str, curves["axis"].unique()):
         part = curves[curves["axis"] == axis]
         quantities = _quantities(part)
-        if not quantities:
-            continue
-        title, file = (
-            ("Learning curves", "curves") if axis == STEP else (f"Over the {axis.split('_')[0]}", f"curves_{axis}")
-        )
-        caption = "Interquartile mean over runs with its 95 % bootstrap interval, as far as all have come; thin: runs."
-        pictures.append(Picture(title, caption, f"{file}.png", _curves_figure(runs, part, quantities, axis)))
-    return pictures
+        if quantities:
+            pictures.append(target / ("curves.png" if axis == STEP else f"curves_{axis}.png"))
+            _curves_figure(runs, part, quantities, axis).savefig(pictures[-1], dpi=160)
+    page = target / PAGE_NAME
+    page.write_text(_page(report, runs, [picture.name for picture in pictures]), encoding="utf-8")
+    for kind, file in (("groups", "figures.csv"), ("comparisons", "comparisons.csv")):
+        pd.DataFrame(report[kind]).to_csv(target / file, index=False, float_format="%.10g")
+    return report | {"page": str(page), "pictures": list(map(str, pictures))}
 
 
 def _quantities(curves: pd.DataFrame) -> Sequence[str]:
@@ -205,43 +164,32 @@ def _panels(count: int) -> tuple[Figure, list[Axes]]:
 
 # ------------------------------------------------------------------------------------------------------------ page
 
+CAPTION: Final = "Interquartile mean over runs with its 95 % bootstrap interval, as far as all have come; thin: runs."
 
-def _page(
-    name: str,
-    runs: pd.DataFrame,
-    figures: Sequence[dict[str, Any]],
-    compared: Sequence[dict[str, Any]],
-    pictures: Sequence[Picture],
-) -> str:
-    """Return HTML without any reference to the outside."""
-    done = finished(runs)
-    hours = float(done["cpu_seconds"].sum()) / 3600.0
-    key = [
-        ("runs finished", f"{len(done)} of {len(runs)}", ""),
-        ("groups", str(runs["group"].nunique()), ""),
-        ("seeds", str(runs["seed"].nunique()), ""),
-        ("processor time of last attempts", f"{hours:.2f}", "h"),
+
+def _page(report: Mapping[str, Any], runs: pd.DataFrame, pictures: Sequence[str]) -> str:
+    """Return the report as Markdown, with its pictures beside it."""
+    hours = float(finished(runs)["cpu_seconds"].sum()) / 3600.0
+    known = runs.astype(object).where(runs.notna(), None).to_dict("records")
+    failed = [{**run, "error": run["error"][:MAX_ERROR]} for run in known if run["status"] == "failed"]
+    parts = [
+        f"# {_plain(report['sweep'])}\n",
+        f"{report['finished']} of {report['runs']} runs finished, {runs['group'].nunique()} groups, "
+        f"{runs['seed'].nunique()} seeds; {hours:.2f} h of processor time in last attempts. {program_version()}\n",
+        *(f"![{picture}]({picture})\n\n{CAPTION}\n" for picture in pictures),
     ]
-    failed = runs[runs["status"] == "failed"]
-    failures = "".join(f"<p>{html_text(f'{row.run}: {row.error}', 400)}</p>" for row in failed.itertuples())
-    parts = [key_html(key), f'<div class="warning" role="status">{failures}</div>' if failures else ""]
-    parts += [_picture(picture) for picture in pictures]
-    parts.append(GROUPS.html(labelled(figures)) if figures else _NO_FIGURES)
-    parts.append(COMPARISONS.html(labelled(compared)) if compared else "")
-    parts.append(RUNS.html(runs.astype(object).where(runs.notna(), None).to_dict("records")))
-    below = f'<p class="soft">{html_text(f"{len(runs)} runs · {program_version()}")}</p>'
-    return page_shell(name, below, parts, [])
+    tables = (GROUPS, report["groups"]), (COMPARISONS, report["comparisons"]), (FAILURES, failed), (RUNS, known)
+    for table, records in tables:
+        rows = [cells(table.columns.values(), record) for record in labelled(records)]
+        if rows:
+            text = markdown([list(table.columns), *([_plain(cell) for cell in row] for row in rows)])
+            parts.append(f"## {table.title}\n\n{table.note}\n\n{text}")
+    return "\n".join(parts)
 
 
-def _picture(picture: Picture) -> str:
-    """Return a picture as a section of a page: it takes the page's colours, in light and dark, and its width."""
-    target = io.BytesIO()
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": picture.title}):
-        picture.figure.savefig(target, format="svg", transparent=True, metadata={"Date": None})
-    text = _DIMENSION.sub(rb"\1\2", target.getvalue(), count=1).decode()
-    svg = colour_variables(text[text.index("<svg") :])
-    figure = f"<div class=scroll>{svg}</div><figcaption>{escape(picture.caption)}</figcaption>"
-    return f'<section><h2>{escape(picture.title)}</h2><figure class="card">{figure}</figure></section>'
+def _plain(text: str) -> str:
+    """Return text of others as one line that Markdown and browsers take for text."""
+    return escape(shown(text, MAX_ERROR)).replace("|", "&#124;")
 
 
 class Table(NamedTuple):
@@ -259,20 +207,7 @@ class Table(NamedTuple):
     left: int
     columns: Mapping[str, str]
 
-    def html(self, records: Sequence[Mapping[str, Any]]) -> str:
-        """Return it as a section of a page."""
-        kinds = ["" if place == 0 or place >= self.left else " class=text" for place in range(len(self.columns))]
-        head = "".join(
-            f"<th{' class=text' if place < self.left else ''}>{escape(name)}</th>"
-            for place, name in enumerate(self.columns)
-        )
-        rows = (zip(kinds, cells(self.columns.values(), record), strict=True) for record in records)
-        lines = [f"<tr>{''.join(f'<td{kind}>{html_text(cell)}</td>' for kind, cell in row)}</tr>" for row in rows]
-        above = f"<p class=soft>{self.note}</p>" if self.note else ""
-        return f"<section><h2>{self.title}</h2>{above}{table_html(head, lines)}</section>"
 
-
-_NO_FIGURES: Final = '<p class="soft">No run has finished with a figure yet.</p>'
 GROUPS: Final = Table(
     "Figures",
     "interquartile mean over runs; in brackets its 95 % bootstrap interval",
@@ -303,6 +238,9 @@ RUNS: Final = Table(
 )
 
 
+FAILURES: Final = Table("Failures", "", 2, {"run": "{run}", "error": "{error}"})
+
+
 def labelled(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return rows of figures with a ``label`` for people."""
-    return [{**row, "label": label_of(row["figure"])} for row in rows]
+    """Return rows with a ``label`` of their figure for people."""
+    return [{**row, "label": label_of(row.get("figure", ""))} for row in rows]

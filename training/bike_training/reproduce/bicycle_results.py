@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import fisher_exact
 
+from bike_analysis.figures.cells import markdown
 from bike_sim.course.files import load_course
 from bike_training.reproduce.data import Tables, last_steps, read_paper, select
 from bike_training.reproduce.statement import (
@@ -20,7 +21,6 @@ from bike_training.reproduce.statement import (
     Verdict,
     compare,
     interval,
-    markdown,
     some,
     statements_of,
     with_interval,
@@ -335,7 +335,7 @@ def _settings(data: Tables) -> str:
         runs = f"{len(done)} of {len(runs_of(data, name))}"
         rows.append((name, runs, with_interval(done, ",.0f"), with_interval(means, ".3f"), *cells))
     head = ("setting", "curricula ended", "steps to the end", "T, benchmark path / m")
-    return markdown((*head, "rides ended, benchmark", "random"), rows)
+    return markdown([(*head, "rides ended, benchmark", "random"), *rows])
 
 
 def _table_6(data: Tables) -> str:
@@ -346,7 +346,7 @@ def _table_6(data: Tables) -> str:
             rows.append((f"{name} (seed {by_maximum['seed']})", "largest maximum", published_max, found))
             found = f"{by_mean['mean']:.3f} m at {by_mean['speed']:g} m/s"
             rows.append(("", "largest mean", published_mean, found))
-    return markdown(("controller 1 of", "", "published", "found"), rows)
+    return markdown([("controller 1 of", "", "published", "found"), *rows])
 
 
 def _table_8(data: Tables) -> str:
@@ -354,7 +354,7 @@ def _table_8(data: Tables) -> str:
         (*(f"{value:g}" for value in row[:3]), *(f"{value:.3f}" for value in row[3:]))
         for row in data["directions"].itertuples(index=False)
     ]
-    return markdown(("roll", "steer", "published", "Eq. (A.10)", "compiled, rolled", "PyBullet, rolled"), rows)
+    return markdown([("roll", "steer", "published", "Eq. (A.10)", "compiled, rolled", "PyBullet, rolled"), *rows])
 
 
 TABLES: Final = {

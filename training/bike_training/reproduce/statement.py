@@ -10,6 +10,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_analysis.figures.cells import markdown
+
 FloatArray = NDArray[np.float64]
 Verdict = tuple[str, bool | None]
 """Text of what was found, and whether the paper agrees; None where the runs do not say."""
@@ -135,16 +137,7 @@ def with_interval(values: FloatArray, form: str | Callable[[float], str]) -> str
     return f"{mean} ({write(low)} to {write(high)})" if np.isfinite(low) else mean
 
 
-def markdown(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """Return a table as Markdown."""
-
-    def line(cells: Sequence[Any]) -> str:
-        return "".join(f"| {cell} " if str(cell) else "| " for cell in cells) + "|"
-
-    return "\n".join([line(head), "|---" * len(head) + "|", *map(line, rows)]) + "\n"
-
-
 def verdict_table(rows: Sequence[Statement], data: Any) -> str:
     """Return the table "paper says, found, agrees" as Markdown."""
     head = ("source", "the paper says", "found here", "agrees")
-    return markdown(head, [(row.source, row.paper, *row.find(data)) for row in rows])
+    return markdown([head, *((row.source, row.paper, *row.find(data)) for row in rows)])

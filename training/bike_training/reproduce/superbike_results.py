@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
+from bike_analysis.figures.cells import markdown
 from bike_analysis.figures.numbers import lap_text
 from bike_sim.course.files import load_track
 from bike_training.reproduce.data import Tables, last_steps, read_paper, select
@@ -19,7 +20,6 @@ from bike_training.reproduce.statement import (
     Verdict,
     compare,
     interval,
-    markdown,
     some,
     statements_of,
     with_interval,
@@ -317,7 +317,7 @@ def _runs(data: Tables) -> str:
         first = f"{len(whole)} of {len(runs)}: {with_interval(whole, ',.0f')}"
         rows.append((name, f"{len(done)} of {len(runs)}", steps, first, with_interval(cpu, ".0f")))
     head = ("setting", "runs finished", "decisions each", "first whole validation, decisions")
-    return markdown((*head, "processor time a run / s"), rows)
+    return markdown([(*head, "processor time a run / s"), *rows])
 
 
 def _arms(data: Tables) -> str:
@@ -338,7 +338,7 @@ def _arms(data: Tables) -> str:
             cells.append(f"{low:+.0f} to {high:+.0f}" if known else "")
         rows.append((*cells, with_interval(of_whole(rides[kind], "mean"), lap_text)))
     head = ("curriculum", "runs", "whole validations / %", "less the schedule's", "rides whole, late / %")
-    return markdown((*head, "less the schedule's", "lap time, late"), rows)
+    return markdown([(*head, "less the schedule's", "lap time, late"), *rows])
 
 
 def _table_1(data: Tables) -> str:
@@ -351,7 +351,7 @@ def _table_1(data: Tables) -> str:
     names = ("lap time", "distance / m", "off-track / s", "falls", "collisions")
     published = [PUBLISHED["table_1"].get(" ".join(column), ("",) * 5) for column in columns]
     lines += [(f"*paper: {name}*", *(of[place] for of in published)) for place, name in enumerate(names)]
-    return markdown(("", *(f"{kind.upper()} {actor}" for kind, actor in columns)), lines)
+    return markdown([("", *(f"{kind.upper()} {actor}" for kind, actor in columns)), *lines])
 
 
 def _table_2(data: Tables) -> str:
@@ -366,7 +366,7 @@ def _table_2(data: Tables) -> str:
                 cells = [_cell(ours, name) for name in names] + [_cell(others, name) for name in names[:2]]
                 lines.append(("", actor, *cells))
     head = ("circuit", "actor", "SPDL whole", "lap", "distance / m", "off-track / s", "SAC whole", "lap")
-    return markdown(head, lines)
+    return markdown([head, *lines])
 
 
 def _table_3(data: Tables) -> str:
@@ -382,7 +382,7 @@ def _table_3(data: Tables) -> str:
     for machine in MACHINES:
         lines.append((machine, "paper", *PUBLISHED["table_3"][machine]))
         lines.append(("", "found", *(cell(found[circuit], machine) for circuit in CIRCUITS)))
-    return markdown(("machine", "", *CIRCUITS), lines)
+    return markdown([("machine", "", *CIRCUITS), *lines])
 
 
 TABLES: Final = {
