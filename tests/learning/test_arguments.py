@@ -201,11 +201,9 @@ def test_the_version_is_that_of_the_project(capsys) -> None:
 @pytest.mark.parametrize(
     "words",
     [
-        ["ride"],
-        ["evaluate"],
         ["ride", "--vehicle", "r1", "--nodes"],
+        ["evaluate"],
         ["validate"],
-        ["validate", "--course", "barcelona"],
     ],
 )
 def test_a_folder_that_cannot_be_made_is_known_before_the_work(words, tmp_path, capsys):

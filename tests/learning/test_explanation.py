@@ -209,7 +209,7 @@ def test_another_policy_is_explained_but_said_to_be_another(recording, tmp_path,
     [
         (["{ride}", "--section", "circle"], "no section 'circle'; there is run-up, slalom, end, all"),
         (["{ride}", "--ride", "7"], "no ride 7"),
-        (["{ride}", "--policy", "classical"], "only a policy with an actor"),
+        (["{ride}", "--policy", "classical"], "no policy 'classical'"),
         (["{ride}", "--policy", "{tmp}"], "card.yaml"),
         (["{ride}.not"], "ride.mcap.not"),
         (["{tmp}"], "mcap"),

@@ -9,12 +9,10 @@ import os
 import signal
 import sys
 import threading
-import tomllib
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
-from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
+from importlib.metadata import version
 from typing import Any, Final
 
 from bike_sim.documents import alternatives, shorten
@@ -55,7 +53,7 @@ def _run(words: Sequence[str], alone: bool = False) -> int:
         print(_overview())
         return 0 if name else 2
     if name == "--version":
-        print(f"bike {_version()}")
+        print(f"bike {version(learning_packages.DISTRIBUTION)}")
         return 0
     prefix = f"bike {name}" if name in COMMANDS else "bike"
     note = _noted(f"{prefix}: loading what it needs") if alone else nullcontext()
@@ -126,14 +124,6 @@ def _overview() -> str:
     lines = [f"  {name:10} {command.summary}" for name, command in COMMANDS.items()]
     head = "usage: bike COMMAND ... | --help | --version\n\nAn open two-wheeler lab for ROS 2.\n\ncommands:"
     return "\n".join([head, *lines, "\nbike COMMAND --help shows options and examples."])
-
-
-def _version() -> str:
-    try:
-        return version(learning_packages.DISTRIBUTION)
-    except PackageNotFoundError:  # of a checkout, which is not installed
-        with (Path(__file__).parents[2] / "pyproject.toml").open("rb") as file:
-            return str(tomllib.load(file)["project"]["version"])
 
 
 def _load(function: str) -> Callable[[Any], dict[str, Any]]:

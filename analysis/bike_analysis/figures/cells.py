@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import string
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from bike_analysis.figures.numbers import lap_text, significant
 from bike_analysis.read.container import shown
 
 UNKNOWN: Final = "-"
-_CONVERSIONS: Final = {"l": lap_text, "g": significant}
+_CONVERSIONS: Final[Mapping[str, Callable[[float], str]]] = {"l": lap_text, "g": significant}
 
 
 class _Cells(string.Formatter):

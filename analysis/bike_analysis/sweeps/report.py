@@ -32,7 +32,7 @@ from bike_analysis.sweeps.tables import (
 PAGE_NAME: Final = "report.md"
 MAX_ERROR: Final = 400
 """Characters of a cell."""
-DRAWN_QUANTITIES: Final = ("mean_error_m", "part", "episode_steps", "selection_rms_m")
+DRAWN_QUANTITIES: Final = ("mean_error_m", "mean_excess", "part", "episode_steps", "selection_rms_m")
 """Curves that pictures show where a sweep has them; else the first four it has."""
 _MIN_POINTS: Final = 2
 PANEL_WIDTH: Final = 4.6
@@ -73,10 +73,10 @@ def report_sweep(folder: str | os.PathLike[str], out: str | os.PathLike[str] | N
     pictures = []
     for axis in map(str, curves["axis"].unique()):
         part = curves[curves["axis"] == axis]
-        quantities = _quantities(part)
+        quantities = drawn_quantities(part)
         if quantities:
             pictures.append(target / ("curves.png" if axis == STEP else f"curves_{axis}.png"))
-            _curves_figure(runs, part, quantities, axis).savefig(pictures[-1], dpi=160)
+            draw_curves(runs, part, quantities, axis).savefig(pictures[-1], dpi=160)
     page = target / PAGE_NAME
     page.write_text(_page(report, runs, [picture.name for picture in pictures]), encoding="utf-8")
     for kind, file in (("groups", "figures.csv"), ("comparisons", "comparisons.csv")):
@@ -84,15 +84,15 @@ def report_sweep(folder: str | os.PathLike[str], out: str | os.PathLike[str] | N
     return report | {"page": str(page), "pictures": list(map(str, pictures))}
 
 
-def _quantities(curves: pd.DataFrame) -> Sequence[str]:
+def drawn_quantities(curves: pd.DataFrame) -> Sequence[str]:
     """Return the curves to draw, at most four: those of which a run has more than one place."""
     places = curves.groupby(["quantity", "run"], sort=False)["x"].nunique().groupby("quantity", sort=False).max()
     known = [str(name) for name, count in places.items() if count >= _MIN_POINTS]
     preferred = [name for name in DRAWN_QUANTITIES if name in known]
-    return preferred or known[:4]
+    return (preferred or known)[:4]
 
 
-def _curves_figure(runs: pd.DataFrame, curves: pd.DataFrame, quantities: Sequence[str], axis: str) -> Figure:
+def draw_curves(runs: pd.DataFrame, curves: pd.DataFrame, quantities: Sequence[str], axis: str) -> Figure:
     """Draw the curves of all groups, a panel for each quantity: interquartile mean with its interval, and the runs."""
     groups = drawn_groups(runs)
     done = set(finished(runs)["run"])
@@ -170,7 +170,7 @@ CAPTION: Final = "Interquartile mean over runs with its 95 % bootstrap interval,
 def _page(report: Mapping[str, Any], runs: pd.DataFrame, pictures: Sequence[str]) -> str:
     """Return the report as Markdown, with its pictures beside it."""
     hours = float(finished(runs)["cpu_seconds"].sum()) / 3600.0
-    known = runs.astype(object).where(runs.notna(), None).to_dict("records")
+    known: Any = runs.astype(object).where(runs.notna(), None).to_dict("records")
     failed = [{**run, "error": run["error"][:MAX_ERROR]} for run in known if run["status"] == "failed"]
     parts = [
         f"# {_plain(report['sweep'])}\n",

@@ -55,6 +55,8 @@ CURVE_COLUMNS: Final[Mapping[str, str]] = {
 """Columns of the table of curves."""
 
 
+FINISHED: Final = "finished"
+"""Status of a run whose figures count."""
 MAX_COMPARED_GROUPS: Final = 12
 """Groups up to which every two are compared; of more, each is compared with the first."""
 _EFFORT: Final = (
@@ -126,7 +128,7 @@ def read_tables(folder: str | os.PathLike[str]) -> tuple[pd.DataFrame, pd.DataFr
 
 def finished(runs: pd.DataFrame) -> pd.DataFrame:
     """Return the runs that have finished."""
-    return runs[runs["status"] == "finished"]
+    return runs[runs["status"] == FINISHED]
 
 
 def figure_names(runs: pd.DataFrame) -> list[str]:

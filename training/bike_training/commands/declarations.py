@@ -18,28 +18,14 @@ import yaml
 from bike_sim.documents import show
 from bike_training.arguments import CommandParser
 
-BICYCLE: Final = "a bicycle"
-SUPERBIKE: Final = "a superbike"
-NODES: Final = "a superbike through nodes (--nodes)"
-ALL: Final = "all superbikes on all circuits (--all)"
-ATTACHED: Final = "a simulator that runs already (--attach)"
-REFINEMENT: Final = "a bicycle with --preset exact"
-RESUMED: Final = "a resumed run (--resume)"
-CLASSICAL: Final = "a superbike's rider that is not learned"
-RECORDING: Final = "a recording"
-REPLAY: Final = "a replay (--replay)"
-EXPLANATION: Final = "an explanation (--explain)"
-RUNS: Final = "folders of runs"
-SWEEP: Final = "the folder of a sweep"
-CIRCUIT: Final = "a circuit (--course)"
-TEMPLATE: Final = "a vehicle's file (--template)"
-PARAMETERS: Final = "measured bicycles (--parameters)"
-RUN: Final = "a run"
-REFINED: Final = "a refined run"
-LEARNING: Final = "learning"
-WORK: Final = "its work"
-"""The subject of commands that have one alone."""
-DATA: Final = "drawing again (--data)"
+_TABLE: Final[Mapping[str, Any]] = yaml.load(
+    (resources.files("bike_training") / "commands" / "commands.yaml").read_text(encoding="utf-8"),
+    getattr(yaml, "CSafeLoader", yaml.SafeLoader),  # compiled: this file is read before any help is shown
+)
+BICYCLE, SUPERBIKE, NODES, ALL, ATTACHED, REFINEMENT, RESUMED, CLASSICAL = _TABLE["subjects"][:8]
+RECORDING, REPLAY, EXPLANATION, RUNS, SWEEP, CIRCUIT, TEMPLATE, PARAMETERS = _TABLE["subjects"][8:16]
+RUN, REFINED, LEARNING, WORK, DATA = _TABLE["subjects"][16:]
+"""Subjects of commands, as options name them; `WORK` is that of commands with one alone."""
 
 DEFAULT_BICYCLE: Final = "whipple"
 DEFAULT_SUPERBIKE: Final = "panigale_v4r"
@@ -265,10 +251,6 @@ _SUBJECTS: Final[Mapping[str, Callable[[Namespace], str]]] = {
 }
 """Functions that return the subject of parsed arguments, of commands that have several."""
 
-_TABLE: Final[Mapping[str, Any]] = yaml.load(
-    (resources.files("bike_training") / "commands" / "commands.yaml").read_text(encoding="utf-8"),
-    getattr(yaml, "CSafeLoader", yaml.SafeLoader),  # compiled: this file is read before any help is shown
-)
 COMMANDS: Final[dict[str, Command]] = {
     name: Command(subject=_SUBJECTS.get(name, lambda args: WORK), **entries)
     for name, entries in _TABLE["commands"].items()

@@ -9,10 +9,9 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any, Final
 
-from bike_analysis.figures.cells import cells, lines_of, table_text
+from bike_analysis.figures.cells import lines_of, table_text
 from bike_policy.contract.bundle import DEFAULT_POLICY, DEFAULT_RACER, load_bundle
 from bike_policy.riders.disturbed import DisturbedRider
 from bike_policy.riders.rider import Rider, bundle_of, make_rider
@@ -58,12 +57,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     found = [_evaluate(args, name, rider, config, disturbances) for name, rider in zip(names, riders, strict=True)]
     figures: dict[str, Any] = {"riders": found} if args.compare else found[0]
     (args.out / "evaluation.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
-    if args.compare and not args.json:
-        _print_comparison(found)
-    elif not args.compare:
+    if not args.compare:
         draw(figures, riders[0].name, args.out / "evaluation.png")
-        if not args.json:
-            _print(figures, riders[0].name, args.out)
+    if not args.json:
+        if not args.compare:
+            _print_rides(figures)
+        _print_comparison(found)
+        print(f"written to {args.out}")
     # Disturbances are there to find out what a rider bears, so falls under them are no failure of the command.
     ok = all(ride["completed"] for each in found for ride in each["rides"] + each["random"])
     return {"schema": "bike.evaluate/1", "ok": ok, "figures": figures}
@@ -129,8 +129,8 @@ def _rides(args: argparse.Namespace, name: str, rider: Rider, config: SimulatorC
 COMPARED: Final[Mapping[str, str]] = {
     "completed_count": "rides completed on the course",
     "average_mean_m": "mean of the mean distances, m",
-    "worst_mean_m": "largest mean distance, m",
-    "worst_max_m": "largest distance, m",
+    "worst_mean_m": f"largest mean distance, m (paper's best controller: {PAPER_MEAN})",
+    "worst_max_m": f"largest distance, m (paper's best controller: {PAPER_MAX})",
     "average_steer_rate_deg_s": "steer rate, RMS, °/s",
     "random_completed_count": "random rides completed",
     "random_average_mean_m": "mean of their mean distances, m",
@@ -142,6 +142,7 @@ COMPARED: Final[Mapping[str, str]] = {
     "answer_p99_ms": "answer, 99th percentile, ms",
 }
 """Figures of a comparison, with their headings."""
+DISTURBED: Final = "{completed_count} of {rides_count}; {average_mean_m:.3f}, {worst_max_m:.3f}"
 
 
 def _print_comparison(found: Sequence[Mapping[str, Any]]) -> None:
@@ -153,51 +154,30 @@ def _print_comparison(found: Sequence[Mapping[str, Any]]) -> None:
         if any(each.get(key) is not None for each in found)
     ]
     for place, known in enumerate(first["disturbed"]):
-        rows.append([f"{known['disturbances']}: {_DISTURBED}", *(_in_short(of["disturbed"][place]) for of in found)])
+        heading = f"{known['disturbances']}: rides completed; mean of the mean distances, largest distance, m"
+        rows.append([heading, *(DISTURBED.format(**of["disturbed"][place]) for of in found)])
     print(f"{first['course']} at {first['rides_count']} speeds and random paths, {first['engine']}")
     print("\n".join(lines_of([["figure", *(each["policy"] for each in found)], *rows])))
 
 
-_DISTURBED: Final = "rides completed; mean of the mean distances, largest distance, m"
-
-
-def _in_short(figures: Mapping[str, Any]) -> str:
-    """Return the figures of disturbed rides in short."""
-    return "{completed_count} of {rides_count}; {average_mean_m:.3f}, {worst_max_m:.3f}".format(**figures)
-
-
 RIDES: Final = {
-    "speed m/s": "{speed_m_s:.2f}", "ridden": "{ridden}", "mean m": "{mean_m:.3f}", "max m": "{max_m:.3f}",
-    "max roll °": "{max_roll_deg:.1f}", "worst section": "{section}", "random": "{random_ridden}",
+    "speed m/s": "{speed_m_s:.2f}", "ridden": "{completed}", "mean m": "{mean_m:.3f}", "max m": "{max_m:.3f}",
+    "max roll °": "{max_roll_deg:.1f}", "worst section": "{section}", "random": "{random_completed}",
     "its mean m": "{random_mean_m:.3f}", "its max m": "{random_max_m:.3f}",
 }  # fmt: skip
 """Columns of rides on the course and of those on random paths at the same speeds."""
-SUMMARY: Final = (
-    "on a straight, worst of 2 to 7 m/s: spectral radius {worst_spectral_radius_upright:.3f}, set value left swinging "
-    "by {worst_swing_deg:.2g}°",
-    f"worst mean {{worst_mean_m:.3f}} m (paper's best controller {PAPER_MEAN}), "
-    f"worst maximum {{worst_max_m:.3f}} m ({PAPER_MAX})",
-)
 
 
-def _print(figures: dict[str, Any], name: str, out: Path) -> None:
+def _print_rides(figures: dict[str, Any]) -> None:
     rows = []
     for ride, chance in itertools.zip_longest(figures["rides"], figures["random"][: len(figures["rides"])]):
-        worst = max(ride.get("sections", []), key=lambda part: part["max_m"], default={"section": ""})
+        section = max(ride.get("sections", []), key=lambda part: part["max_m"], default={"section": ""})["section"]
         chance = chance or dict.fromkeys(("mean_m", "max_m", "completed"))
-        rows.append(
-            {**ride, **worst, "mean_m": ride["mean_m"], "max_m": ride["max_m"]}
-            | {f"random_{key}": chance[key] for key in ("mean_m", "max_m")}
-            | {"ridden": _RIDDEN[ride["completed"]], "random_ridden": _RIDDEN[chance["completed"]]}
-        )
-    print(f"{name}: {figures['course']} and random paths, {figures['engine']}")
+        beside = {f"random_{key}": value for key, value in chance.items()}
+        rows.append({**ride, **beside, "section": section})
+        for name in ("completed", "random_completed"):
+            rows[-1][name] = {True: "yes", False: "NO", None: None}[rows[-1][name]]
     print("\n".join(table_text(RIDES, rows, left=0)))
-    for known in figures["disturbed"]:
-        print(f"{known['disturbances']}: {_in_short(known)} ({_DISTURBED})")
-    print(*cells(SUMMARY, figures), f"written to {out}", sep="\n")
-
-
-_RIDDEN: Final = {True: "yes", False: "NO", None: "-"}
 
 
 CIRCUIT: Final = "barcelona"
@@ -219,8 +199,9 @@ def run_races(args: argparse.Namespace) -> dict[str, Any]:
     bundle = load_bundle(rider) if args.subject == SUPERBIKE else None
     disturbances = [Disturbances(), *map(load_disturbances, args.disturbances)]
     name = rider if bundle is None else bundle.name
-    pairs = _pairs(*_asked(args), args.in_turn)
-    for machine in dict.fromkeys(machine for machine, _ in pairs):
+    machines, circuits = (args.vehicle or DEFAULT_SUPERBIKE).split(","), (args.course or CIRCUIT).split(",")
+    pairs = _pairs(machines, circuits, args.in_turn)
+    for machine in dict.fromkeys(machines):
         _check_disturbances(disturbances, load_superbike(machine))
     make_folder("--out", args.out)
     results = []
@@ -272,11 +253,6 @@ def _check_disturbances(disturbances: Sequence[Disturbances], machine: Superbike
             ridden_superbike(machine, known)
         except ValueError as error:
             raise ValueError(f"--disturbances {known.name}: {error}") from None
-
-
-def _asked(args: argparse.Namespace) -> tuple[list[str], list[str]]:
-    """Return the machines and the circuits that are asked for."""
-    return (args.vehicle or DEFAULT_SUPERBIKE).split(","), (args.course or CIRCUIT).split(",")
 
 
 def _pairs(machines: Sequence[str], circuits: Sequence[str], taking_turns: bool) -> list[tuple[str, str]]:

@@ -37,7 +37,7 @@ LISTED: Final = 5
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Explain; not ok when the values do not sum to the outputs."""
     path = args.objects[0]
-    bundle = _policy(policy_of(read_recording(path).notes, path) if args.policy is None else args.policy)
+    bundle = load_bundle(policy_of(read_recording(path).notes, path) if args.policy is None else args.policy)
     make_folder("--out", args.out)
     with Progress(console=Console(stderr=True), disable=args.json, transient=True) as progress:
         riding = progress.add_task("riding again")
@@ -59,18 +59,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         print("\n".join(textwrap.fill(line, 110, subsequent_indent="  ") for line in _lines(figures, explanation)))
         print(f"picture and figures: {args.out}")
     return {"schema": SCHEMA, "ok": explanation.additivity_error < LARGEST_RESIDUAL, "figures": figures}
-
-
-def _policy(name: str) -> Bundle:
-    """Load a policy that has an actor.
-
-    Raises:
-        FileNotFoundError: there is no such bundle. ValueError: the bundle cannot be read.
-    """
-    try:
-        return load_bundle(name)
-    except FileNotFoundError as error:
-        raise FileNotFoundError(f"{error}; only a policy with an actor can be explained") from error
 
 
 def _figures(bundle: Bundle, seen: RecordedObservations, explanation: Explanation) -> dict[str, Any]:

@@ -36,10 +36,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise ValueError(f"{args.run}: there is no {which!r} actor yet; train longer{advice}")
     vehicle = load_vehicle(machines_of(summary["vehicle"])[0])
     task = preset.task
-    name = args.name or vehicle.name
     parts = _parts(args.range, task.action.size)
     bundle = Bundle(
-        name=name,
+        name=args.name or vehicle.name,
         actor=actor,
         layout=preset.deployed_layout,
         action=_held(task.action.narrowed(parts), args.within),
@@ -55,15 +54,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         },
         results=_results(args.evaluation),
     )
-    out = args.out or args.run / "policy"
-    bundle.save(out)
-    if not args.json:
-        print(f"policy {name} written to {out}: the {which!r} actor, of step {step}")
-    return {
-        "schema": "bike.export/1",
-        "ok": True,
-        "figures": {"out": str(out), "name": name, "steps": summary["steps"], "actor": which, "actor_step": step},
-    }
+    return _save(args, bundle, "policy", {"steps": summary["steps"], "actor": which, "actor_step": step})
 
 
 def run_refined(args: argparse.Namespace) -> dict[str, Any]:
@@ -77,12 +68,17 @@ def run_refined(args: argparse.Namespace) -> dict[str, Any]:
         training=training,
         results=_results(args.evaluation),
     )
-    out = args.out or args.run / GRADIENT_POLICY
+    figures = {"steps": training["steps"], "actor": "best", "actor_step": training["best_segment"]}
+    return _save(args, bundle, GRADIENT_POLICY, figures)
+
+
+def _save(args: argparse.Namespace, bundle: Bundle, folder: str, figures: dict[str, Any]) -> dict[str, Any]:
+    """Write a bundle, by default into a folder of its run, and return the figures of the command."""
+    out = args.out or args.run / folder
     bundle.save(out)
-    figures = {"out": str(out), "name": bundle.name, "steps": training["steps"], "actor": "best"}
     if not args.json:
-        print(f"policy {bundle.name} written to {out}: the best actor, of segment {training['best_segment']}")
-    return {"schema": "bike.export/1", "ok": True, "figures": {**figures, "actor_step": training["best_segment"]}}
+        print(f"policy {bundle.name} written to {out}: the {figures['actor']!r} actor, of step {figures['actor_step']}")
+    return {"schema": "bike.export/1", "ok": True, "figures": {"out": str(out), "name": bundle.name, **figures}}
 
 
 def _parts(text: str | None, count: int) -> list[float]:

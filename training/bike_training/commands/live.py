@@ -120,11 +120,6 @@ def watch(args: argparse.Namespace) -> dict[str, Any]:
     if args.domain is not None:
         check_whole("--domain", args.domain, 0, LARGEST_DOMAIN)
     _check_page(args)
-    return {"schema": "bike.live/1", "ok": True, "figures": _watch(args)}
-
-
-def _watch(args: argparse.Namespace) -> dict[str, Any]:
-    """Serve a page of a simulator that others ride; return what was counted."""
     from bike_sim.ros.isolation import DOMAIN_VARIABLE
     from bike_training.nodes.live_ride import state_names
     from bike_training.nodes.live_server import LiveServer
@@ -144,7 +139,8 @@ def _watch(args: argparse.Namespace) -> dict[str, Any]:
     tally.page = page
     wall = _serve(args, watch, tally, lambda: LiveServer(page, watch.ask, watch.status, args.port))
     assert watch.course is not None
-    return {"states": tally.states, "wall_s": round(wall, 1), "vehicle": watch.machine, "course": watch.course.name}
+    figures = {"states": tally.states, "wall_s": round(wall, 1), "vehicle": watch.machine, "course": watch.course.name}
+    return {"schema": "bike.live/1", "ok": True, "figures": figures}
 
 
 class _Tally:

@@ -163,7 +163,12 @@ def _through_nodes(args: argparse.Namespace) -> dict[str, Any]:
     figures |= {"wall_s": round(wall, 1), "recording": str(recording)}
     if other is not None:
         found = analyze_laps(other, track, theory)
-        figures |= _compared(args, figures, found) | {"comparison": analyze([recording, other], args.out)["page"]}
+        for who, laps in ((args.rider, figures), (args.beside, found)):
+            if laps["lap_s"] is None:
+                raise ValueError(f"rider {who!r} finished no flying lap; there is nothing to compare")
+        gained = [theirs - own for own, theirs in zip(figures["sectors_s"], found["sectors_s"], strict=True)]
+        figures |= {"beside_lap_s": found["lap_s"], "sectors_gained_s": gained}
+        figures["comparison"] = analyze([recording, other], args.out)["page"]
     excess = figures["excess"]
     clean = figures["falls"] == 0 and figures["walls"] == 0 and len(figures["laps_s"]) >= args.laps
     figures["ok"] = bool(clean and excess is not None and excess <= ALLOWED_EXCESS and figures["timing_agrees"])
@@ -177,19 +182,6 @@ def _through_nodes(args: argparse.Namespace) -> dict[str, Any]:
         print(f"timing of the recording equals the events: {'yes' if figures['timing_agrees'] else 'no'}")
         print(f"report: {figures['page']}")
     return {"schema": LAP_SCHEMA, "ok": figures["ok"], "figures": figures}
-
-
-def _compared(args: argparse.Namespace, figures: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
-    """Return the best lap of the rider beside, and what it loses in each sector.
-
-    Raises:
-        ValueError: one of the two finished no flying lap.
-    """
-    for rider, found in ((args.rider, figures), (args.beside, other)):
-        if found["lap_s"] is None:
-            raise ValueError(f"rider {rider!r} finished no flying lap; there is nothing to compare")
-    gained = [theirs - own for own, theirs in zip(figures["sectors_s"], other["sectors_s"], strict=True)]
-    return {"beside_lap_s": other["lap_s"], "sectors_gained_s": gained}
 
 
 def described(machine: Superbike, limits: Envelope) -> Machine:

@@ -31,7 +31,8 @@ RECORD_EVERY: Final = 10
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Learn and return the outcome; not ok when interrupted."""
-    settings = _with_simulator(_resumed_settings(args) if args.resume else _new_settings(args), args)
+    settings = _resumed_settings(args) if args.resume else _new_settings(args)
+    settings = with_simulator(settings, args.client, args.engine, args.time_step, args.simulators)
     from bike_training.learning import run as learning
 
     if not (settings.superbike or settings.until_finished or args.json):
@@ -50,12 +51,13 @@ def _new_settings(args: argparse.Namespace) -> RunSettings:
     races = args.subject == SUPERBIKE
     name = args.preset or DEFAULT_PRESET
     name = SUPERBIKE_PRESETS.get(name, name) if races else name
-    changes: dict[str, Any] = dict(_split(pair) for pair in args.set or ())
-    changes |= {
-        setting: value
-        for setting, value in (("curriculum.circuits", args.course), ("curriculum", args.curriculum))
-        if value is not None
-    }
+    changes: dict[str, Any] = {}
+    for pair in args.set or ():
+        setting, equals, changes[setting] = pair.partition("=")
+        if not equals:
+            raise ValueError(f"--set takes PATH=VALUE, got {pair!r}")
+    asked = {"curriculum.circuits": args.course, "curriculum": args.curriculum}
+    changes |= {setting: value for setting, value in asked.items() if value is not None}
     engine = (SUPERBIKE_ENGINES if races else ENGINES)["local"]
     preset = load_preset(name).changed(changes)
     vehicle = args.vehicle or RunSettings.vehicle
@@ -80,18 +82,6 @@ def _with_choices(settings: RunSettings, args: argparse.Namespace) -> RunSetting
     names = ("checkpoint_every", "record_every", "until_finished")
     given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     return replace(settings, **given)
-
-
-def _with_simulator(settings: RunSettings, args: argparse.Namespace) -> RunSettings:
-    """Return settings with the simulator of the arguments."""
-    return with_simulator(settings, args.client, args.engine, args.time_step, args.simulators)
-
-
-def _split(pair: str) -> tuple[str, str]:
-    name, equals, value = pair.partition("=")
-    if not equals:
-        raise ValueError(f"--set takes PATH=VALUE, got {pair!r}")
-    return name, value
 
 
 def _show(bar: Any, process: LearningProcess) -> None:

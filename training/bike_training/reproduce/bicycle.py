@@ -95,6 +95,7 @@ class BicycleExperiment(Experiment):
         paths: random paths that are searched for full circles.
     """
 
+    title: str = "bicycle paper"
     settings: tuple[str, ...] = SETTINGS
     steps: int = 4_000_000
     speeds: tuple[float, ...] = SPEEDS
@@ -104,11 +105,6 @@ class BicycleExperiment(Experiment):
     explained: int = 100
     permutations: int = 10
     paths: int = PATHS
-
-    @property
-    def title(self) -> str:
-        """Name of the sweep."""
-        return "bicycle paper"
 
     def base(self) -> dict[str, Any]:
         """Return the entries of every run."""

@@ -201,31 +201,29 @@ def _least_in_the_middle(data: Tables) -> Verdict:
     return text, low < best < high
 
 
-def _junction_error(data: Tables, rider: str) -> float | None:
-    """Return the largest error of a front contact on the junction, m; infinite where the ride ended early."""
-    rows = select(data["tracks"], rider=rider)
-    if rows.empty:
-        return None
-    return float(rows["front_error"].abs().max()) if rows["completed"].all() else math.inf
-
-
-def _error_text(error: float) -> str:
-    return f"{error:.2f} m" if math.isfinite(error) else "not ridden to the end"
+def _junction_errors(data: Tables) -> dict[Any, float]:
+    """Return the largest error of a front contact on the junction by rider, m; infinite where the ride ended early."""
+    rides = data["tracks"].groupby("rider", sort=False)
+    return {
+        rider: float(rows["front_error"].abs().max()) if rows["completed"].all() else math.inf for rider, rows in rides
+    }
 
 
 def _on_junction(data: Tables) -> Verdict:
-    error = _junction_error(data, "alt3")
-    if error is None:
+    found = _junction_errors(data)
+    if "alt3" not in found:
         raise NothingFound(NO_CONTROLLER)
-    return _error_text(error), error < 2.0
+    return f"{found['alt3']:.2f} m", found["alt3"] < 2.0
 
 
 def _beats_stanley(data: Tables) -> Verdict:
-    ours = _junction_error(data, "alt3")
-    others = {name: _junction_error(data, name) for name in ("stanley", "lqr")}
-    text = ", ".join(f"{name}: {_error_text(error)}" for name, error in others.items() if error is not None)
-    stanley = others["stanley"]
-    return text, None if ours is None or stanley is None else ours < stanley
+    found = _junction_errors(data)
+    others = [name for name in ("stanley", "lqr") if name in found]
+    text = ", ".join(
+        f"{name}: {found[name]:.2f} m" if math.isfinite(found[name]) else f"{name}: not ridden to the end"
+        for name in others
+    )
+    return text, found["alt3"] < found["stanley"] if {"alt3", "stanley"} <= found.keys() else None
 
 
 # ----------------------------------------------------------------------------------------- one controller closely
@@ -262,33 +260,21 @@ def _shares(data: Tables) -> pd.Series:
     return means / means.sum()
 
 
-def _weightiest(data: Tables) -> Verdict:
-    first = _shares(data).head(5)
-    text = ", ".join(f"{name} {share:.0%}" for name, share in first.items())
-    return text, set(first.index) == {"roll", "t_p3", "t_p2", "roll_rate", "t_p4"}
+def _weightiest(data: Tables, *features: str) -> Verdict:
+    """Agree where these features weigh more than all others."""
+    first = _shares(data).head(len(features))
+    return ", ".join(f"{name} {share:.0%}" for name, share in first.items()), set(first.index) == set(features)
 
 
-def _weightiest_is_roll(data: Tables) -> Verdict:
-    first = _shares(data).index[0]
-    return first, first == "roll"
-
-
-def _correlation(data: Tables, *features: str) -> float:
-    """Return the correlation of features of *prop.* with their SHAP values, each summed over the features."""
-    rows = some(select(data["impacts"], policy="prop", feature=features), NO_CONTROLLER)
-    sums = rows.groupby("observation")[["value", "shap"]].sum()
-    return float(np.corrcoef(sums["value"], sums["shap"])[0, 1])
-
-
-def _pulls_down(data: Tables, *features: str) -> Verdict:
-    found = {name: _correlation(data, name) for name in features}
+def _pulls_down(data: Tables, *groups: Sequence[str]) -> Verdict:
+    """Agree where the features of each group, summed, correlate negatively with their SHAP values, summed."""
+    found = {}
+    for features in groups:
+        rows = some(select(data["impacts"], policy="prop", feature=features), NO_CONTROLLER)
+        sums = rows.groupby("observation")[["value", "shap"]].sum()
+        found[" + ".join(features)] = float(np.corrcoef(sums["value"], sums["shap"])[0, 1])
     text = "correlation " + ", ".join(f"{name} {value:+.2f}" for name, value in found.items())
     return text, all(value < -0.5 for value in found.values())
-
-
-def _pulls_together(data: Tables) -> Verdict:
-    found = _correlation(data, "t_p2", "t_p3", "t_p4")
-    return f"correlation {found:+.2f}", found < -0.5
 
 
 def _hardly_any_weight(data: Tables, *features: str) -> Verdict:

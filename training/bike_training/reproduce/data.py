@@ -17,35 +17,16 @@ PaperFile = Mapping[str, Any]
 
 _OF_RUN: Final = {"setting": "str", "seed": "int"}
 """Columns of a table about learning runs, which come first."""
-_COMMON: Final[Mapping[str, Any]] = {
-    "runs": {
-        "file": "runs.csv",
-        "of_run": True,
-        "columns": {
-            "status": ["str", "as in a sweep."],
-            "steps": ["int", "learning steps made."],
-            "finished_at": ["int", "learning step at which the curriculum ended; -1 where it has not."],
-            "cpu_seconds": ["float", "processor time of its last attempt, s; -1 where it has not ended."],
-        },
-    },
-    "validations": {
-        "file": "validations.csv",
-        "of_run": True,
-        "columns": {
-            "step": ["int", "learning step."],
-            "part": ["int", "of the curriculum."],
-            "error": ["float", "mean of its errors, as the paper defines them."],
-        },
-    },
-}
-"""Tables that every paper has."""
 
 
 def read_paper(name: str) -> PaperFile:
     """Return what is known of a paper: tables of its experiments, statements, and published figures."""
-    file = resources.files("bike_training") / "reproduce" / f"{name}.yaml"
-    found = yaml.load(file.read_text(encoding="utf-8"), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    return {**found, "tables": _COMMON | found["tables"]}
+    folder = resources.files("bike_training") / "reproduce"
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    common, found = (
+        yaml.load((folder / f"{each}.yaml").read_text(encoding="utf-8"), loader) for each in ("common", name)
+    )
+    return {**found, "tables": common | found["tables"]}
 
 
 def table(paper: PaperFile, name: str, rows: Iterable[Any] = ()) -> pd.DataFrame:
@@ -78,49 +59,32 @@ def select(frame: pd.DataFrame, **values: Any) -> pd.DataFrame:
     return frame
 
 
-def file_of(paper: PaperFile, name: str, folder: Path) -> Path:
-    """Return the file of a table in a folder."""
-    return folder / str(paper["tables"][name]["file"])
-
-
-def write_table(paper: PaperFile, name: str, folder: Path, rows: pd.DataFrame) -> None:
-    """Write a table, and replace an old one only when it is whole."""
-    path = file_of(paper, name, folder)
-    part = path.with_suffix(".part")
-    rows.to_csv(part, index=False, float_format="%.6g", na_rep="nan", lineterminator="\r\n")
-    part.replace(path)
-
-
-def read_table(paper: PaperFile, name: str, folder: Path) -> pd.DataFrame:
-    """Read a table.
-
-    Raises:
-        FileNotFoundError: there is none.
-        ValueError: it is another table, or has a value that means nothing.
-    """
-    kinds, path = _kinds(paper, name), file_of(paper, name, folder)
-    if list(pd.read_csv(path, nrows=0).columns) != list(kinds):
-        raise ValueError(f"{path} must have the columns {', '.join(kinds)}")
-    try:
-        return pd.read_csv(path, dtype=kinds, keep_default_na=False, na_values="nan")  # type: ignore[arg-type]
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-
-
 def write_data(paper: PaperFile, folder: Path, data: Tables) -> None:
-    """Write all tables into a folder."""
+    """Write tables into a folder, and replace an old one only when the new one is whole."""
     for name, rows in data.items():
-        write_table(paper, name, folder, rows)
+        path = folder / paper["tables"][name]["file"]
+        part = path.with_suffix(".part")
+        rows.to_csv(part, index=False, float_format="%.6g", na_rep="nan", lineterminator="\r\n")
+        part.replace(path)
 
 
-def read_data(paper: PaperFile, folder: Path) -> Tables:
-    """Read all tables of a folder.
+def read_data(paper: PaperFile, folder: Path, names: Iterable[str] = ()) -> Tables:
+    """Read tables of a folder, all where none is named.
 
     Raises:
         FileNotFoundError: one is missing.
-        ValueError: one is of another kind.
+        ValueError: one is another table, or has a value that means nothing.
     """
-    return {name: read_table(paper, name, folder) for name in paper["tables"]}
+    found = {}
+    for name in names or paper["tables"]:
+        kinds, path = _kinds(paper, name), folder / paper["tables"][name]["file"]
+        if list(pd.read_csv(path, nrows=0).columns) != list(kinds):
+            raise ValueError(f"{path} must have the columns {', '.join(kinds)}")
+        try:
+            found[name] = pd.read_csv(path, dtype=kinds, keep_default_na=False, na_values="nan")  # type: ignore[arg-type]
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+    return found
 
 
 def last_steps(runs: pd.DataFrame) -> Any:

@@ -7,14 +7,13 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from bike_sim.course.course import Course
 from bike_sim.course.files import load_course, load_track
 from bike_sim.course.track import Corner, Track
 from bike_sim.planning.envelope import envelope
 from bike_sim.planning.line_cache import track_with_line
 from bike_sim.vehicles.files import load_superbike
 from bike_training.explain.drawing import SYMBOLS
-from bike_training.reproduce.bicycle_results import controller_1, finished_at, mean_distance, weights
+from bike_training.reproduce.bicycle_results import controller_1, finished_at, mean_distance
 from bike_training.reproduce.data import Tables, select
 from bike_training.reproduce.statement import interval
 from bike_training.reproduce.superbike_results import (
@@ -143,19 +142,8 @@ def _junction(data: Tables, plt: Any) -> Any:
 
 _LENGTH: Final = 200.0
 """Of the benchmark path in Fig. 12, m."""
-_PREVIEW: Final = 4.0 * 0.4
-"""Distance of preview points at 4 m/s, m (Eq. 14)."""
 _SHOWN: Final = 8
 """Rows of Fig. 14 for each policy."""
-_FRAMES: Final = (
-    ("a", "full circle", -3.0),
-    ("b", "slalom", 23.6),
-    ("c", "flat curve", 31.4),
-    ("d", "soft lane change", 2.0),
-    ("e", "hard lane change", 2.0),
-    ("f", "hard lane change", 9.0),
-)
-"""Frames of Fig. 13: name, section, and how far into it (m). The paper shows them, but gives no numbers."""
 
 
 def _roll_and_steer(data: Tables, plt: Any) -> Any:
@@ -182,69 +170,21 @@ def _roll_and_steer(data: Tables, plt: Any) -> Any:
     return figure
 
 
-def _frames(data: Tables, plt: Any) -> Any:
-    """Fig. 13: track of the rear contact, and six instants from above with the preview points."""
-    figure, axes = plt.subplot_mosaic("TTT;abc;def", figsize=(9, 10), layout="constrained", height_ratios=(4, 3, 3))
-    course = load_course("benchmark")
-    track = axes["T"]
-    track.plot(course.x, course.y, color="0.75", lw=3, label="path")
-    ride, sections = data["ride"], dict(course.sections)
-    track.plot(ride["x"], ride["y"], color="C0", lw=1, label="rear contact P")
-    for name, section, into in _FRAMES if len(ride) else ():
-        row = ride.iloc[(ride["progress"] - sections[section] - into).abs().argmin()]
-        track.annotate(f"({name})", (row.x, row.y), xytext=(6, 6), textcoords="offset points")
-        track.plot(row.x, row.y, "k.", ms=6)
-        _frame(axes[name], course, ride, row)
-        axes[name].set_title(
-            f"({name}) φ {np.degrees(row.roll):+.1f}°, δ {np.degrees(row.steer):+.1f}°", fontsize="small"
-        )
-    track.set(aspect="equal", xlabel="x / m", ylabel="y / m", title="Fig. 13: controller 1 of prop. at 4 m/s")
-    track.legend(loc="best")
-    return figure
-
-
-def _frame(axes: Any, course: Course, ride: pd.DataFrame, row: Any) -> None:
-    """Draw a bicycle from above: its wheelbase, the path, its track so far, and the preview points."""
-    axes.plot(course.x, course.y, color="0.75", lw=3)
-    axes.plot(ride["x"], ride["y"], color="C0", lw=1)
-    ahead = [row.progress + k * _PREVIEW for k in range(5)]
-    axes.plot(np.interp(ahead, course.s, course.x), np.interp(ahead, course.s, course.y), "o", color="C3", ms=4)
-    axes.plot([row.x, row.front_x], [row.y, row.front_y], "k-o", lw=3, ms=4)
-    middle_x, middle_y = np.interp(ahead[2], course.s, course.x), np.interp(ahead[2], course.s, course.y)
-    axes.set(aspect="equal", xlim=(middle_x - 5.0, middle_x + 5.0), ylim=(middle_y - 5.0, middle_y + 5.0))
-    axes.tick_params(labelsize="x-small")
-
-
 def _impact(data: Tables, plt: Any) -> Any:
     """Fig. 14: SHAP values of each observation, of controller 1 of prop. and of other actors."""
-    policies = list(data["impacts"]["policy"].unique()) or ["prop"]
-    count = len(policies)
+    import shap  # type: ignore[import-untyped]  # late: it takes seconds
+
+    policies = list(data["impacts"]["policy"].unique())
+    count = max(1, len(policies))
     figure, row_of_axes = plt.subplots(1, count, figsize=(6 * count, 4.5), layout="constrained", squeeze=False)
-    dots = None
-    for axes, policy in zip(row_of_axes[0], policies, strict=True):
-        means = weights(data["impacts"], policy)
-        total = means.sum() or 1.0
-        names = list(means.index[:_SHOWN])
-        for place, name in enumerate(names):
-            dots = _swarm(axes, place, select(data["impacts"], policy=policy, feature=name))
-        labels = [f"{SYMBOLS.get(name, name)}\n{means[name] / total:.0%}" for name in names]
-        axes.axvline(0.0, color="0.8", lw=0.8, zorder=0)
-        axes.set_yticks(range(len(names)), labels, fontsize="small")
-        axes.invert_yaxis()
-        others = means[_SHOWN:].sum() / total
-        axes.set(xlabel="SHAP value / °", title=f"Fig. 14: {policy}, {len(means) - len(names)} others {others:.0%}")
-    if dots is not None:
-        figure.colorbar(dots, ax=row_of_axes[0][-1], label="value of the feature, low to high", ticks=[])
+    for axes, policy in zip(row_of_axes[0], policies, strict=False):
+        rows = select(data["impacts"], policy=policy)
+        shares, values = (rows.pivot(index="observation", columns="feature", values=name) for name in ("shap", "value"))
+        names = [SYMBOLS.get(name, name) for name in shares.columns]
+        found = shap.Explanation(np.degrees(shares.to_numpy()), data=values.to_numpy(), feature_names=names)
+        shap.plots.beeswarm(found, max_display=_SHOWN, ax=axes, plot_size=None, show=False)
+        axes.set(xlabel="SHAP value / °", title=f"Fig. 14: {policy}")
     return figure
-
-
-def _swarm(axes: Any, place: int, rows: pd.DataFrame) -> Any:
-    """Draw one dot an observation; those of like values spread around their row."""
-    shares, values = np.degrees(rows["shap"].to_numpy()), rows["value"].to_numpy()
-    spread = np.ptp(values)
-    colours = (values - values.min()) / spread if spread else np.full(len(values), 0.5)
-    height = np.random.default_rng(place).uniform(-0.25, 0.25, len(rows))
-    return axes.scatter(shares, place + height, c=colours, cmap="coolwarm", vmin=0.0, vmax=1.0, s=9)
 
 
 def _step_response(data: Tables, plt: Any) -> Any:
@@ -266,7 +206,6 @@ BICYCLE_FIGURES: Final = {
     "fig10.png": _distances,
     "fig11.png": _junction,
     "fig12.png": _roll_and_steer,
-    "fig13.png": _frames,
     "fig14.png": _impact,
     "fig16.png": _step_response,
 }

@@ -14,7 +14,7 @@ import matplotlib as mpl
 import pandas as pd
 
 from bike_training.progress import progress_bar
-from bike_training.reproduce.data import PaperFile, Tables, file_of, read_table, table, tables, write_table
+from bike_training.reproduce.data import PaperFile, Tables, read_data, table, tables, write_data
 from bike_training.reproduce.statement import Statement
 from bike_training.sweeps.runs import Plan, PlannedRun, read_record
 from bike_training.sweeps.spec import Sweep, sweep_from_document
@@ -25,19 +25,16 @@ class Experiment(ABC):
     """Settings of an experiment.
 
     Attributes:
+        title: name of the sweep.
         settings: names of those that are learned.
         seeds: of the runs of each setting.
         steps: most learning steps of a run.
     """
 
+    title: str
     settings: tuple[str, ...]
     seeds: tuple[int, ...] = tuple(range(5))
     steps: int
-
-    @property
-    @abstractmethod
-    def title(self) -> str:
-        """Name of the sweep."""
 
     @abstractmethod
     def base(self) -> dict[str, Any]:
@@ -127,7 +124,7 @@ def collect(paper: Paper[Kind], plan: Plan, experiment: Kind, quiet: bool) -> Ta
             before = bar.n
             if _ride(paper, planned.folder, setting, seed, experiment, bar.update):
                 folders[setting, seed] = planned.folder
-                ridden.append({name: read_table(paper.file, name, planned.folder) for name in paper.ridden})
+                ridden.append(read_data(paper.file, planned.folder, paper.ridden))
             bar.update(before + each - bar.n)
     data = tables(paper.file, runs=runs, validations=validations)
     data |= {name: pd.concat([of[name] for of in ridden], ignore_index=True) for name in paper.ridden if ridden}
@@ -140,13 +137,13 @@ def _ride(
     """Ride what a run has learned unless its tables are there already; return whether they are now."""
     with suppress(FileNotFoundError):
         learned = (folder / "run.json").stat().st_mtime
-        if all(file_of(paper.file, name, folder).stat().st_mtime >= learned for name in paper.ridden):
+        files = [folder / paper.file["tables"][name]["file"] for name in paper.ridden]
+        if all(file.stat().st_mtime >= learned for file in files):
             return True
     found = paper.ride(folder, setting, seed, experiment, update)
     if found is None:
         return False
-    for name in paper.ridden:
-        write_table(paper.file, name, folder, table(paper.file, name, found[name]))
+    write_data(paper.file, folder, {name: table(paper.file, name, found[name]) for name in paper.ridden})
     return True
 
 

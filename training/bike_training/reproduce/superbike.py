@@ -101,6 +101,7 @@ class SuperbikeExperiment(Experiment):
         iteration: decisions between two updates of SPDL.
     """
 
+    title: str = "superbike paper"
     settings: tuple[str, ...] = SETTINGS
     steps: int = 300_000
     starts: int = 8
@@ -110,11 +111,6 @@ class SuperbikeExperiment(Experiment):
     learner: tuple[tuple[str, Any], ...] = ()
     threshold: float | None = None
     iteration: int = ITERATION
-
-    @property
-    def title(self) -> str:
-        """Name of the sweep."""
-        return "superbike paper"
 
     @property
     def early(self) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -204,55 +204,27 @@ def _transfers_best(data: Tables, machine: str, circuit: str) -> Verdict:
     """Agree where a machine's loss to the trained one is less than that of every other."""
     found = gains(data, circuit)
     others = [name for name in found if name != machine]
-    return _all_above(found, lambda: [interval(found[machine], found[name], rule=operator.sub) for name in others])
+    return _all_above(found, [(found[machine], found[name]) for name in others])
 
 
 def _quicker_there(data: Tables, circuit: str, machines: Sequence[str]) -> Verdict:
     """Agree where some machines lap a circuit faster than the trained one."""
     found = {name: values for name, values in gains(data, circuit).items() if name in machines}
-    return _all_above(found, lambda: [interval(values) for values in found.values()])
+    return _all_above(found, [(values, np.zeros(len(values))) for values in found.values()])
 
 
-def _all_above(found: Mapping[str, FloatArray], intervals: Callable[[], list[tuple[float, float]]]) -> Verdict:
-    """Agree where all intervals lie above 0, deny where one lies below it.
+def _all_above(found: Mapping[str, FloatArray], pairs: Iterable[tuple[FloatArray, FloatArray]]) -> Verdict:
+    """Agree where all differences lie above 0, deny where one lies below it.
 
     Args:
         found: gains of machines, s, one a run.
-        intervals: of them, called where each has enough runs.
+        pairs: of them, of which the first are to be the larger.
     """
     lapped = {name: values for name, values in found.items() if len(values)}
     some(lapped, "no actor that laps on two machines")
     text = ", ".join(f"{name} {with_interval(values, '+.2f')} s" for name, values in lapped.items())
-    if min(map(len, found.values())) < MIN_RUNS:
-        return text, None
-    ends = intervals()
-    if any(high < 0.0 for _, high in ends):
-        return text, False
-    return text, True if all(low > 0.0 for low, _ in ends) else None
-
-
-def _three_laps(data: Tables) -> Verdict:
-    """Three consecutive laps; in which third of a lap the best runs differ is of one lap each, and decides nothing."""
-    means = [of_whole(rows_of(data, kind, "late"), "mean") for kind in KINDS]
-    if not all(map(len, means)):
-        raise NothingFound("no whole rides of both")
-    low, high, less = compare(3.0 * values for values in means)
-    text = f"difference {3.0 * (means[0].mean() - means[1].mean()):+.2f} s"
-    text += f", {low:+.2f} to {high:+.2f}" if np.isfinite(low) else f" ({', '.join(str(len(v)) for v in means)} runs)"
-    thirds = [_times_at_thirds(data, kind) for kind in KINDS]
-    if all(len(times) == 3 for times in thirds):
-        apart = np.diff(np.subtract(*thirds), prepend=0.0)
-        text += f"; best laps by thirds of the lap: {', '.join(f'{value:+.2f}' for value in apart)} s"
-    return text, less
-
-
-def _times_at_thirds(data: Tables, kind: str) -> FloatArray:
-    """Return when a flying lap of the best run has passed each third of the circuit, s after the start line."""
-    rows = select(data["moments"], setting=kind)
-    along = rows["progress"].to_numpy() - rows["progress"].min()
-    if len(rows) < 2 or along[-1] < 0.9 * load_track(CIRCUITS[0]).length:
-        return np.array([])
-    return np.interp(along[-1] * np.arange(1, 4) / 3.0, along, rows["time"])
+    less = [compare(pair)[2] for pair in pairs]
+    return text, False if any(less) else True if all(each is False for each in less) else None
 
 
 def overshoots(data: Tables, setting: str) -> dict[str, float]:

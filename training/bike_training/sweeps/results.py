@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -71,19 +70,16 @@ def _run_row(planned: PlannedRun) -> dict[str, Any]:
         **{name: result.get(name) for name in ("seconds", "cpu_seconds", "attempts", "host", "commit")},
         **{name: result.get(name) for name in ("started_at", "ended_at")},
         "entries": json.dumps(run.entries, sort_keys=True),
-        **{f"{SETTING}{_column(name)}": _cell(value) for name, value in run.varied.items() if name != "seed"},
-        **{f"{FIGURE}{name}": value for name, value in _figures(result).items()},
+        **{
+            f"{SETTING}{name.removeprefix('set.').replace('.', '_')}": json.dumps(value)
+            if isinstance(value, list | dict)
+            else value
+            for name, value in run.varied.items()
+            if name != "seed"
+        },
+        **{
+            f"{FIGURE}{name}": value
+            for name, value in result.get("figures", {}).items()
+            if value is None or isinstance(value, int | float | str)
+        },
     }
-
-
-def _figures(result: Mapping[str, Any]) -> dict[str, Any]:
-    figures = result.get("figures", {})
-    return {name: value for name, value in figures.items() if value is None or isinstance(value, int | float | str)}
-
-
-def _column(name: str) -> str:
-    return name.removeprefix("set.").replace(".", "_")
-
-
-def _cell(value: Any) -> Any:
-    return json.dumps(value) if isinstance(value, list | dict) else value
