@@ -66,6 +66,16 @@ def progress_bar(title: str, unit: str, total: int | None = None, *, quiet: bool
     return tqdm(desc=title, total=total, unit=unit, smoothing=0.05, disable=quiet, **options)
 
 
+def setter(bar: Any) -> Callable[[int, int], None]:
+    """Return a function that sets a bar to the work done of the whole work."""
+
+    def report(done: int, total: int) -> None:
+        bar.total = total
+        bar.update(done - bar.n)
+
+    return report
+
+
 def text_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> Table:
     """Return a table for people.
 

@@ -25,7 +25,7 @@ from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole, make_folder
 from bike_training.commands.declarations import DEFAULT_SUPERBIKE, SUPERBIKE
 from bike_training.envs.clients import make_client
-from bike_training.progress import progress_bar
+from bike_training.progress import progress_bar, setter
 from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Ride, draw, evaluate
 from bike_training.rollout.races import delay_of, ride_races
 from bike_training.rollout.rollout import TimedRider, ride_through
@@ -208,12 +208,8 @@ def run_races(args: argparse.Namespace) -> dict[str, Any]:
     for (machine, circuit), known in itertools.product(pairs, disturbances):
         title = f"{name}, {machine}, {circuit}" + (f", {known.name}" if known.name != "none" else "")
         with progress_bar(title, "s", quiet=args.json) as bar:
-
-            def report(done: int, total: int, bar: Any = bar) -> None:
-                bar.total = total
-                bar.update(done - bar.n)
-
-            results.append(ride_races(bundle, machine, circuit, args.starts, args.laps, args.share, report, known))
+            chosen = args.starts, args.laps, args.share
+            results.append(ride_races(bundle, machine, circuit, *chosen, setter(bar), known))
     found = [result.figures() for result in results]
     lost = [
         {"vehicle": each.vehicle, "circuit": each.circuit, "disturbances": each.disturbances, **asdict(ride)}

@@ -8,8 +8,6 @@ import textwrap
 from typing import Any, Final
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 
 from bike_analysis import read_recording
 from bike_policy.contract.bundle import Bundle, load_bundle
@@ -22,6 +20,7 @@ from bike_training.explain.observations import (
     read_observations,
 )
 from bike_training.explain.shap_values import Explanation, correlation, explain
+from bike_training.progress import progress_bar, setter
 
 SCHEMA: Final = "bike.analyze_explanation/2"
 SECTION: Final = "slalom"
@@ -39,14 +38,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     path = args.objects[0]
     bundle = load_bundle(policy_of(read_recording(path).notes, path) if args.policy is None else args.policy)
     make_folder("--out", args.out)
-    with Progress(console=Console(stderr=True), disable=args.json, transient=True) as progress:
-        riding = progress.add_task("riding again")
-        section = args.section or (WHOLE_RIDE if bundle.layout.races else SECTION)
-
-        def report(step: int, steps: int) -> None:
-            progress.update(riding, completed=step, total=steps)
-
-        seen = read_observations(path, bundle, section, args.ride, report)
+    section = args.section or (WHOLE_RIDE if bundle.layout.races else SECTION)
+    with progress_bar("riding again", "step", quiet=args.json, leave=False) as bar:
+        seen = read_observations(path, bundle, section, args.ride, setter(bar))
     explanation = explain(bundle, seen.observations, silent=args.json)
     place = "the whole ride" if seen.section == WHOLE_RIDE else seen.section
     headline = f"{bundle.name} on {place} ({seen.course or 'course not recorded'})"

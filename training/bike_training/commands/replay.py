@@ -8,7 +8,7 @@ import time
 from typing import Any, Final
 
 from bike_analysis.figures.cells import table_text
-from bike_training.progress import progress_bar
+from bike_training.progress import progress_bar, setter
 from bike_training.replay import Difference, Replay, RideSource, read_rides, ride_again
 
 SCHEMA: Final = "bike.analyze_replay/1"
@@ -45,12 +45,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def _ride(recorded: RideSource, args: argparse.Namespace) -> dict[str, Any]:
     began = time.monotonic()
     with progress_bar(f"ride {recorded.ride.index}", "step", quiet=args.json, leave=False) as bar:
-
-        def report(step: int, steps: int) -> None:
-            bar.total = steps
-            bar.update(step - bar.n)
-
-        replay = ride_again(recorded, args.engine, args.time_step, report)
+        replay = ride_again(recorded, args.engine, args.time_step, setter(bar))
     if not args.json:
         print("\n".join(text_of(recorded, replay)))
     return figures_of(recorded, replay) | {"wall_s": round(time.monotonic() - began, 2)}
