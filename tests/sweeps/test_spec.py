@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from bike_sim.course import files as course_files
 from bike_training.cli import main
 from bike_training.sweeps.jobs import TrainJob
 from bike_training.sweeps.runs import FINISHED, SCHEMA, make_plan
@@ -32,12 +31,11 @@ def test_listed_runs_stand_over_the_base_and_may_be_of_several_tasks() -> None:
         "base": {},
         "runs": [
             {"task": "train", "vehicle": "whipple", "seed": 4},
-            {"task": "evaluate", "policy": "lqr", "speeds": [4]},
             {"task": "lap", "vehicle": "r1", "laps": 1},
         ],
     }
     runs = sweep_from_document(document).runs
-    assert [run.task for run in runs] == ["train", "evaluate", "lap"]
+    assert [run.task for run in runs] == ["train", "lap"]
     assert not any("None" in run.group for run in runs), "entries that a run does not have"
 
 
@@ -66,7 +64,7 @@ def test_a_finished_run_is_found_by_another_sweep_of_it(tmp_path: Path) -> None:
     [
         ([], "a sweep is a table"),
         ({"grids": {}}, "unknown entry 'grids'"),
-        ({"task": "dance"}, "task 'dance' is not one of train, evaluate, lap"),
+        ({"task": "dance"}, "task 'dance' is not one of train, lap"),
         (tiny(grid={"seed": 3}), "grid entry 'seed' must be a list"),
         (tiny(grid={"seed": list(range(200)), "set.learner.gamma": [0.9 + k / 2e3 for k in range(101)]}), "20200 runs"),
         (tiny(grid={"sed": [1]}), "task train has no entry 'sed'"),
@@ -78,8 +76,6 @@ def test_a_finished_run_is_found_by_another_sweep_of_it(tmp_path: Path) -> None:
         (tiny(grid={"seed": [1, 1]}), r"run 2 is run 1 again \(train\)"),
         (tiny(cores=0), "cores must be a positive number"),
         (tiny(retries=-1), "retries must be a whole number"),
-        ({"task": "evaluate", "base": {"speeds": ["fast"]}}, "speeds must be numbers"),
-        ({"task": "evaluate", "base": {"speeds": [-1]}}, "speeds must be positive"),
         ({"task": "lap", "base": {"vehicle": "whipple"}}, "is no superbike"),
         ({"task": "lap", "base": {"laps": 0}}, "laps must be at least 1"),
         ({"task": "lap", "base": {"engine": "whipple"}}, "engine must be one of pybullet, compiled, got 'whipple'"),
@@ -91,7 +87,7 @@ def test_what_is_wrong_is_named(document, words: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "document", [{"task": "evaluate", "base": {"course": "mars"}}, tiny(grid={"vehicle": ["whipple", "unicycle"]})]
+    "document", [{"task": "lap", "base": {"course": "mars"}}, tiny(grid={"vehicle": ["whipple", "unicycle"]})]
 )
 def test_what_does_not_exist_is_named(document, write) -> None:
     with pytest.raises(FileNotFoundError, match=r"spec.yaml.*(mars|unicycle)"):
@@ -119,7 +115,7 @@ def test_many_runs_are_checked_without_drawing_their_circuits(monkeypatch) -> No
     def draw(name: str) -> None:
         raise AssertionError(f"{name} was drawn")
 
-    monkeypatch.setattr(course_files, "load_track", draw)
+    monkeypatch.setattr("bike_training.sweeps.jobs.load_track", draw)
     sweep = load_sweep(Path(__file__).parents[2] / "docs" / "data" / "classical_random.yaml")
     assert len(sweep.runs) == 500
     assert all(run.estimate > 0.0 for run in sweep.runs)

@@ -144,14 +144,15 @@ def figure_names(runs: pd.DataFrame) -> list[str]:
     return [name.removeprefix(FIGURE) for name in columns if is_result(name)]
 
 
-def values_of(runs: pd.DataFrame, figure: str) -> Floats:
-    """Return the known values of a figure."""
-    values = pd.to_numeric(runs[FIGURE + figure]).to_numpy(dtype=np.float64, na_value=np.nan)
-    known: Floats = values[np.isfinite(values)]
-    return known
+def _values(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return the known figures of finished runs, a row each: ``group``, ``seed``, ``figure`` and ``value``."""
+    names = {FIGURE + name: name for name in figure_names(runs)}
+    rows = finished(runs).rename(columns=names).melt(["group", "seed"], list(names.values()), "figure")
+    rows["value"] = pd.to_numeric(rows["value"]).astype("float64")
+    return rows[np.isfinite(rows["value"])]
 
 
-def _ends(interval: Interval) -> dict[str, float | None]:
+def _known(interval: Interval) -> dict[str, float | None]:
     """Return both ends of an interval, None where one run has none."""
     return {name: end if math.isfinite(end) else None for name, end in (("low", interval.low), ("high", interval.high))}
 
@@ -163,15 +164,12 @@ def group_figures(runs: pd.DataFrame) -> list[dict[str, Any]]:
     ``high``, ``median``, ``min`` and ``max``.
     """
     found = []
-    for figure in figure_names(runs):
-        for group, members in finished(runs).groupby("group", sort=False):
-            values = values_of(members, figure)
-            if not len(values):
-                continue
-            estimate = bootstrap(values)
-            row = {"group": str(group), "figure": figure, "runs": len(values), "mean": float(values.mean())}
-            row |= {"iqm": estimate.value, **_ends(estimate), "median": float(np.median(values))}
-            found.append(row | {"min": float(values.min()), "max": float(values.max())})
+    for (figure, group), rows in _values(runs).groupby(["figure", "group"], sort=False):
+        values = rows["value"]
+        estimate = bootstrap(values.to_numpy())
+        row = {"group": str(group), "figure": str(figure), "runs": len(values), "mean": float(values.mean())}
+        row |= {"iqm": estimate.value, **_known(estimate), "median": float(values.median())}
+        found.append(row | {"min": float(values.min()), "max": float(values.max())})
     return found
 
 
@@ -181,36 +179,25 @@ def comparisons(runs: pd.DataFrame) -> list[dict[str, Any]]:
     The columns are ``figure``, ``first``, ``second``, ``seeds`` (their number), ``difference`` (second minus first)
     with its interval ``low`` to ``high``, and ``share_larger``, the share of seeds with a larger second.
     """
-    done = finished(runs)
-    groups = [str(group) for group in done["group"].unique()]
+    groups = [str(group) for group in finished(runs)["group"].unique()]
     pairs = list(itertools.combinations(groups, 2))
     if len(groups) > MAX_COMPARED_GROUPS:
         pairs = [(groups[0], other) for other in groups[1:]]
     found = []
-    for figure in figure_names(runs):
-        by_seed = {group: _by_seed(done[done["group"] == group], figure) for group in groups}
+    for figure, rows in _values(runs).dropna(subset="seed").groupby("figure", sort=False):
+        by_seed = rows.pivot_table("value", "seed", "group", aggfunc="last").reindex(columns=groups)
         for first, second in pairs:
-            shared = sorted(by_seed[first].keys() & by_seed[second].keys())
+            shared = by_seed[[first, second]].dropna()
             if len(shared) < 2:
                 continue
-            one, other = (np.array([by_seed[group][seed] for seed in shared]) for group in (first, second))
-            difference, larger = paired(one, other)
-            row = {"figure": figure, "first": first, "second": second, "seeds": len(shared)}
-            found.append(row | {"difference": difference.value, **_ends(difference), "share_larger": larger})
+            difference, larger = paired(shared[first].to_numpy(), shared[second].to_numpy())
+            row = {"figure": str(figure), "first": first, "second": second, "seeds": len(shared)}
+            found.append(row | {"difference": difference.value, **_known(difference), "share_larger": larger})
     return found
-
-
-def _by_seed(runs: pd.DataFrame, figure: str) -> dict[int, float]:
-    values = zip(runs["seed"], runs[FIGURE + figure], strict=True)
-    known = ((seed, value) for seed, value in values if not pd.isna(seed) and not pd.isna(value))
-    return {int(seed): float(value) for seed, value in known if math.isfinite(float(value))}
 
 
 def curves_of(curves: pd.DataFrame, quantity: str, group: str, runs: Sequence[str]) -> list[tuple[Floats, Floats]]:
     """Return x and value of a quantity for runs of a group."""
     part = curves[(curves["quantity"] == quantity) & (curves["group"] == group) & curves["run"].isin(runs)]
-    found = []
-    for _, rows in part.groupby("run", sort=False):
-        ordered = rows.sort_values("x", kind="stable")
-        found.append((ordered["x"].to_numpy(np.float64), ordered["value"].to_numpy(np.float64)))
-    return found
+    rows = (rows.sort_values("x", kind="stable") for _, rows in part.groupby("run", sort=False))
+    return [(each["x"].to_numpy(np.float64), each["value"].to_numpy(np.float64)) for each in rows]

@@ -1,4 +1,4 @@
-"""Kinds of runs of a sweep: trainings, evaluations and laps. A new kind is a class as below and an entry in JOBS.
+"""Kinds of runs of a sweep: trainings and laps. A new kind is a class as below and an entry in JOBS.
 
 Its class attributes are the processor cores and the main memory (GB) that a run needs, and the axis of its curves with
 its unit. ``from_entries`` checks the entries of a run, on which its result depends alone; ``estimate`` returns the
@@ -10,36 +10,29 @@ value.
 from __future__ import annotations
 
 import csv
-import itertools
 import json
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Self, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
-from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_policy.riders.classical import CLASSICAL
-from bike_policy.riders.rider import bundle_of, make_rider
+from bike_policy.riders.rider import make_rider
 from bike_sim.course import files as course_files
 from bike_sim.course.random_courses import seed_of
 from bike_sim.documents import show
-from bike_sim.physics.engines import ENGINE_KINDS, SUPERBIKE_ENGINES
-from bike_sim.sim.config import SimulatorConfig
+from bike_sim.physics.engines import SUPERBIKE_ENGINES
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles import files as vehicle_files
 from bike_sim.vehicles.superbike import Superbike
-from bike_training.arguments import check_positive, check_whole
-from bike_training.envs.clients import CLIENT_KINDS, make_client
+from bike_training.arguments import check_whole
 from bike_training.learning import presets
 from bike_training.learning.run_settings import RECORD_ENDS, RunSettings, with_simulator
 from bike_training.learning.run_settings import SUPERBIKE_ENGINES as LEARNING_ENGINES
-from bike_training.rollout.evaluation import SPEEDS, evaluate
 from bike_training.rollout.laps import pair_figures, ride_laps
-from bike_training.rollout.rollout import ride_through
 
 if TYPE_CHECKING:
     from bike_training.learning.process import LearningProcess  # needs the learning packages
@@ -49,21 +42,9 @@ Report = Callable[[float, float, str], None]
 
 # The runs of a sweep share most of what they name.
 load_vehicle = cache(vehicle_files.load_vehicle)
-load_course = cache(course_files.load_course)
+load_track = cache(course_files.load_track)
 load_preset = cache(presets.load_preset)
 load_rider = cache(make_rider)
-
-
-@cache
-def check_circuit(name: str) -> None:
-    """Check that there is a circuit; a random one is not drawn, because any seed has one.
-
-    Raises:
-        ValueError: it is not a circuit.
-        FileNotFoundError: there is none.
-    """
-    if seed_of(name) is None:
-        course_files.load_track(name)
 
 
 def check_kinds(task: str, entries: Mapping[str, Any], kinds: Mapping[str, type | UnionType]) -> None:
@@ -203,145 +184,14 @@ FIGURES_FILE: Final = "figures.json"
 
 START_SECONDS: Final = 6.0
 """Processor time until the first ride: packages and kernels are loaded, s."""
-RIDE_SECONDS: Final = {"pybullet": 1.5, "whipple": 0.4}
-"""Processor time of a ride of an evaluation at a step of 1 ms, by engine, s. Rough estimate."""
 LAP_SECONDS: Final = 30.0
 """Processor time of a lap of a superbike, s."""
 LINE_SECONDS: Final = 20.0
 """Processor time of the line of one machine on one circuit, where it is not in the cache yet, s."""
 
 
-class RidingJob(ABC):
-    """Rides whose figures stay in the folder of the run; curves are drawn from them. Its fields are its entries."""
-
-    task: ClassVar[str]
-    cores: ClassVar[float] = 1.0
-
-    @classmethod
-    def from_entries(cls, entries: Mapping[str, Any]) -> Self:
-        """Check entries, and that what they name exists."""
-        kinds = {name: kind for name, kind in get_type_hints(cls).items() if get_origin(kind) is not ClassVar}
-        check_kinds(cls.task, entries, {name: get_origin(kind) or kind for name, kind in kinds.items()})
-        job = cls(**entries)
-        job.check()
-        return job
-
-    @abstractmethod
-    def check(self) -> None:
-        """Check the values of its entries.
-
-        Raises:
-            ValueError: naming the entry. FileNotFoundError: an unknown vehicle, course or rider.
-        """
-
-    @abstractmethod
-    def ride(self, report: Report) -> dict[str, Any]:
-        """Ride all of it and return plain figures."""
-
-    @staticmethod
-    @abstractmethod
-    def points(figures: Mapping[str, Any]) -> list[tuple[str, float, float]]:
-        """Return the curves that figures hold."""
-
-    def run(self, folder: Path, report: Report) -> tuple[dict[str, Any], bool]:
-        """Ride, and keep the figures."""
-        figures = self.ride(report)
-        (folder / FIGURES_FILE).write_text(json.dumps(figures), encoding="utf-8")
-        return {name: value for name, value in figures.items() if not isinstance(value, list | dict)}, False
-
-    @classmethod
-    def curve(cls, folder: Path) -> list[tuple[str, float, float]]:
-        """Return its curves; none where it has not finished."""
-        path = folder / FIGURES_FILE
-        return cls.points(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else []
-
-
 @dataclass(frozen=True)
-class EvaluateJob(RidingJob):
-    """An evaluation of a policy, as `bike evaluate`; entries are its options.
-
-    Attributes:
-        policy: name of a rider or bundle, or folder of one.
-        course: the fixed course.
-        speeds: m/s.
-        random_rides: rides on random paths at each speed.
-        seed: of the random paths.
-        client: ``local`` or ``ros``.
-        vehicle: name or file of a bicycle.
-        engine: that integrates it.
-        time_step: of the engine, s.
-    """
-
-    policy: str = DEFAULT_POLICY
-    course: str = "benchmark"
-    speeds: list[float] = field(default_factory=lambda: list(SPEEDS))
-    random_rides: int = 1
-    seed: int = 0
-    client: str = "local"
-    vehicle: str = SimulatorConfig.vehicle
-    engine: str = "pybullet"
-    time_step: int | float = 0.001
-
-    task: ClassVar[str] = "evaluate"
-    memory_gb: ClassVar[float] = 0.8
-    axis: ClassVar[str] = "speed_m_s"
-
-    @property
-    def config(self) -> SimulatorConfig:
-        """Vehicle, engine and step."""
-        return SimulatorConfig(self.vehicle, self.engine, float(self.time_step))
-
-    def check(self) -> None:
-        """Check the values of its entries."""
-        for name, known in (("client", CLIENT_KINDS), ("engine", ENGINE_KINDS)):
-            if getattr(self, name) not in known:
-                raise ValueError(f"{name} {show(getattr(self, name))} is not one of {', '.join(known)}")
-        speeds = self.speeds
-        if not speeds or not all(isinstance(speed, int | float) and not isinstance(speed, bool) for speed in speeds):
-            raise ValueError(f"speeds must be numbers, got {show(speeds)}")
-        for speed in speeds:
-            check_positive("speeds", speed, "m/s")
-        check_positive("time_step", self.time_step, "s")
-        check_whole("random_rides", self.random_rides, 0)
-        check_whole("seed", self.seed, 0)
-        load_vehicle(self.vehicle)
-        load_course(self.course)
-        bundle = bundle_of(load_rider(self.policy))
-        if bundle is not None:
-            bundle.check_fit(self.vehicle, self.config.control_period)
-
-    def estimate(self) -> float:
-        """Return the processor time that it will take, s."""
-        rides = len(self.speeds) * (1 + self.random_rides)
-        ride = RIDE_SECONDS.get(self.engine, RIDE_SECONDS["pybullet"])
-        return START_SECONDS + rides * ride * 0.001 / self.time_step
-
-    def ride(self, report: Report) -> dict[str, Any]:
-        """Ride all of it."""
-        rider, ridden = make_rider(self.policy), itertools.count(1)
-        total = len(self.speeds) * (1 + self.random_rides)
-        client = make_client(self.client, self.config)
-        try:
-            return evaluate(
-                lambda request, longest: ride_through(client, rider, request, longest),
-                self.course, self.speeds, self.random_rides, self.seed, lambda: report(next(ridden), total, ""),
-            )  # fmt: skip
-        finally:
-            client.close()
-
-    @staticmethod
-    def points(figures: Mapping[str, Any]) -> list[tuple[str, float, float]]:
-        """Return mean and largest distance over the speed, on the course and on random paths."""
-        return [
-            (f"{prefix}{name}", float(ride["speed_m_s"]), float(ride[name]))
-            for prefix, key in (("", "rides"), ("random_", "random"))
-            for ride in figures.get(key, [])
-            for name in ("mean_m", "max_m")
-        ]
-
-
-@dataclass(frozen=True)
-class LapJob(RidingJob):
+class LapJob:
     """Laps of a superbike, as `bike ride` on a circuit; entries are its options.
 
     Attributes:
@@ -358,26 +208,31 @@ class LapJob(RidingJob):
     rider: str = CLASSICAL
     engine: str = SUPERBIKE_ENGINES[0]
 
-    task: ClassVar[str] = "lap"
+    cores: ClassVar[float] = 1.0
     memory_gb: ClassVar[float] = 1.0
     axis: ClassVar[str] = "lap"
 
-    def check(self) -> None:
-        """Check the values of its entries."""
-        check_whole("laps", self.laps, 1)
-        if self.engine not in SUPERBIKE_ENGINES:
-            raise ValueError(f"engine must be one of {', '.join(SUPERBIKE_ENGINES)}, got {show(self.engine)}")
-        if not isinstance(load_vehicle(self.vehicle), Superbike):
-            raise ValueError(f"vehicle {show(self.vehicle)} is no superbike; laps are ridden on superbikes")
-        check_circuit(self.course)
-        load_rider(self.rider)
+    @classmethod
+    def from_entries(cls, entries: Mapping[str, Any]) -> Self:
+        """Check entries: those of `bike ride` on a circuit."""
+        check_kinds("lap", entries, dict.fromkeys(("vehicle", "course", "rider", "engine"), str) | {"laps": int})
+        job = cls(**entries)
+        check_whole("laps", job.laps, 1)
+        if job.engine not in SUPERBIKE_ENGINES:
+            raise ValueError(f"engine must be one of {', '.join(SUPERBIKE_ENGINES)}, got {show(job.engine)}")
+        if not isinstance(load_vehicle(job.vehicle), Superbike):
+            raise ValueError(f"vehicle {show(job.vehicle)} is no superbike; laps are ridden on superbikes")
+        if seed_of(job.course) is None:  # any seed has a random circuit, so that none is drawn here
+            load_track(job.course)
+        load_rider(job.rider)
+        return job
 
     def estimate(self) -> float:
         """Return the processor time that it will take, s."""
         return START_SECONDS + LINE_SECONDS + LAP_SECONDS * (self.laps + 1)
 
-    def ride(self, report: Report) -> dict[str, Any]:
-        """Ride the out-lap and the flying laps."""
+    def run(self, folder: Path, report: Report) -> tuple[dict[str, Any], bool]:
+        """Ride the out-lap and the flying laps, and keep the figures."""
         rider, laps = make_rider(self.rider), self.laps
 
         def show_place(snapshot: Snapshot, length: float) -> None:
@@ -385,14 +240,18 @@ class LapJob(RidingJob):
                 report(snapshot.progress, length * (laps + 1), "")
 
         ridden = ride_laps(self.vehicle, self.course, laps, rider=rider, engine=self.engine, report=show_place)
-        return pair_figures(ridden, laps)
+        figures = pair_figures(ridden, laps)
+        (folder / FIGURES_FILE).write_text(json.dumps(figures), encoding="utf-8")
+        return {name: value for name, value in figures.items() if not isinstance(value, list | dict)}, False
 
     @staticmethod
-    def points(figures: Mapping[str, Any]) -> list[tuple[str, float, float]]:
-        """Return the times of the flying laps, which begin with lap 2."""
-        return [("lap_s", float(lap), float(time)) for lap, time in enumerate(figures["laps_s"], start=2)]
+    def curve(folder: Path) -> list[tuple[str, float, float]]:
+        """Return the times of the flying laps, which begin with lap 2; none where it has not finished."""
+        path = folder / FIGURES_FILE
+        times = json.loads(path.read_text(encoding="utf-8"))["laps_s"] if path.is_file() else []
+        return [("lap_s", float(lap), float(time)) for lap, time in enumerate(times, start=2)]
 
 
-Job = TrainJob | EvaluateJob | LapJob
-JOBS: Final[dict[str, type[Job]]] = {"train": TrainJob, "evaluate": EvaluateJob, "lap": LapJob}
+Job = TrainJob | LapJob
+JOBS: Final[dict[str, type[TrainJob] | type[LapJob]]] = {"train": TrainJob, "lap": LapJob}
 """Every kind of run by the name of its task."""
