@@ -27,7 +27,7 @@ from pathlib import Path
 from textwrap import dedent, fill
 from typing import Any, Final
 
-from bike_analysis.figures.cells import markdown
+from bike_analysis.figures.cells import cells, markdown
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 DATA: Final = ROOT / "docs" / "data"
@@ -108,22 +108,20 @@ def shipped(name: str) -> str:
     return markdown([names, *rows]) + origin(DATA / f"{name}.csv")
 
 
+PAIRS: Final = {
+    "machine": "{vehicle}", "circuit": "{circuit}", "rides whole": "{whole} of {rides}", "best, s": "{best_s:.2f}",
+    "median, s": "{median_s:.2f}", "over the closest line": "{median_excess:.1f} %",
+    "off the line": "{line_distance_m:.2f} m",
+}  # fmt: skip
+
+
 def pairs(name: str) -> str:
     """Return a table of a rider's laps, one line for each machine and circuit."""
-    rows = [
-        [
-            row["vehicle"],
-            row["circuit"],
-            f"{row['whole']} of {row['rides']}",
-            f"{float(row['best_s']):.2f}",
-            f"{float(row['median_s']):.2f}",
-            f"{100.0 * float(row['median_excess']):.1f} %",
-            f"{float(row['line_distance_m']):.2f} m",
-        ]
-        for row in read_records(name)
-    ]
-    names = ("machine", "circuit", "rides whole", "best, s", "median, s", "over the closest line", "off the line")
-    return markdown([names, *rows]) + origin(DATA / f"{name}.csv")
+    rows = []
+    for row in read_records(name):
+        numbers = {key: float(row[key]) for key in ("best_s", "median_s", "median_excess", "line_distance_m")}
+        rows.append(cells(PAIRS.values(), row | numbers | {"median_excess": 100.0 * numbers["median_excess"]}))
+    return markdown([list(PAIRS), *rows]) + origin(DATA / f"{name}.csv")
 
 
 def random_circuits(name: str) -> str:
