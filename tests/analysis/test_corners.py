@@ -113,8 +113,8 @@ def test_limits_are_closed_curves_about_the_origin(machine: Machine) -> None:
     x, y = machine.lateral[slow], machine.along[slow]
     assert (x[0], y[0]) == (x[-1], y[-1])
     assert x.max() == pytest.approx(limits.lateral_max[slow])
-    assert y.max() == pytest.approx(limits.drive_max[slow], abs=0.3)
-    assert y.min() <= -limits.brake_max[slow] + 1e-9
+    assert y.max() == pytest.approx(limits.drive(limits.speeds[slow]), abs=0.3)
+    assert y.min() <= -limits.brake(limits.speeds[slow]) + 1e-9
     turns = [np.cross([*a, 0.0], [*b, 0.0])[2] for a, b in pairwise(zip(x, y, strict=True))]
     # clockwise, but for a notch on each side: near the tyres' limit brakes are eased, and only the tyres' drift slows
     assert sum(turn < 1e-9 for turn in turns) > 0.8 * len(turns)

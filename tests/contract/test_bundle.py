@@ -1,8 +1,8 @@
 import dataclasses
 import math
 import os
-import socket
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +15,7 @@ from safetensors.numpy import save_file
 from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.bundle import Actor, Bundle, load_bundle, shipped_policies
 from bike_policy.contract.observation import LEAN_LAYOUT
+from tests.odd_files import ODD, put_odd_file
 
 
 def make_actor(inputs=LEAN_LAYOUT.size, seed=0):
@@ -141,27 +142,19 @@ def check_refused(folder, message):
 
 @pytest.mark.timeout(30)
 @pytest.mark.parametrize("name", ["actor.safetensors", "card.yaml"])
-@pytest.mark.parametrize("kind", ["pipe", "socket", "device", "folder", "missing", "huge"])
+@pytest.mark.parametrize("kind", [*ODD, "missing", "huge"])
 def test_files_that_are_no_regular_ones_are_refused_at_once(bundle, tmp_path, monkeypatch, name, kind):
     bundle.save(tmp_path)
-    monkeypatch.chdir(tmp_path)  # the path of a socket is short
+    monkeypatch.chdir(tmp_path)
     os.unlink(name)
-    message = f"{name} is no file but a pipe, a socket or a device"
-    if kind == "pipe":
-        os.mkfifo(name)
-    elif kind == "socket":
-        socket.socket(socket.AF_UNIX).bind(name)
-    elif kind == "device":
-        os.symlink("/dev/zero", name)
-    elif kind == "folder":
-        os.mkdir(name)
-        message = f"{name} cannot be read: Is a directory"
-    elif kind == "missing":
+    if kind == "missing":
         message = f"not a policy bundle: it has no {name}"
-    else:
+    elif kind == "huge":
+        message = f"{name} is larger than"
         with open(name, "wb") as stream:
             stream.truncate(2**33)
-        message = f"{name} is larger than"
+    else:
+        message = f"{name} {put_odd_file(Path(name), kind)}"
     check_refused(tmp_path, message)
 
 

@@ -1,10 +1,10 @@
 """Files that users write are read within bounds, and refused in one short line that a terminal can show."""
 
 import os
-import socket
 import string
 import time
 import unicodedata
+from pathlib import Path
 
 import pytest
 import yaml
@@ -16,6 +16,7 @@ from bike_sim.course.files import kind_of, load_course, load_track
 from bike_sim.documents import DocumentError, check_name, parse_yaml, read_text, shorten, show
 from bike_sim.recording.definitions import message_type
 from bike_sim.vehicles.files import SHIPPED, load_vehicle
+from tests.odd_files import ODD, put_odd_file
 from tests.shares import source_share
 
 LOADERS = [load_course, load_track, kind_of, load_vehicle]
@@ -47,25 +48,13 @@ def refused(function, *arguments) -> str:
 
 @pytest.mark.timeout(30)
 @pytest.mark.parametrize("load", LOADERS)
-@pytest.mark.parametrize("kind", ["pipe", "socket", "device", "link to a device", "folder"])
+@pytest.mark.parametrize("kind", ODD)
 def test_what_is_no_regular_file_is_refused_at_once(load, kind, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # the path of a socket is short
-    name = "odd.yaml"
-    if kind == "pipe":
-        os.mkfifo(name)
-    elif kind == "socket":
-        socket.socket(socket.AF_UNIX).bind(name)
-    elif kind == "device":
-        try:
-            os.mknod(name, 0o020600, os.makedev(1, 5))
-        except PermissionError:
-            pytest.skip("devices are made by root only")
-    elif kind == "link to a device":
-        os.symlink("/dev/zero", name)
-    else:
-        os.mkdir(name)
-    assert "odd.yaml" in (message := refusal(load, name))
-    assert ("Is a directory" if kind == "folder" else "no file but a pipe, a socket or a device") in message
+    monkeypatch.chdir(tmp_path)
+    said = put_odd_file(Path("odd.yaml"), kind)
+    message = refusal(load, "odd.yaml")
+    assert "odd.yaml" in message
+    assert said in message
 
 
 @pytest.mark.timeout(30)

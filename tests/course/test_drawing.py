@@ -3,7 +3,6 @@
 import itertools
 
 import numpy as np
-import pytest
 from matplotlib.figure import Figure
 
 from bike_sim.course.course import Course
@@ -36,11 +35,8 @@ def test_sections_are_spanned_and_coloured():
     assert all(one.end == other.begin for one, other in itertools.pairwise(parts))
     colours = {part.name: part.colour for part in parts}
     assert colours["start straight"] == colours["closing straight"] != colours["slalom"]
-
-
-def test_course_without_sections_is_one_span():
-    course = Course.from_elements("plain", [Line(5.0)])
-    assert [part[:3] for part in sections_of(course)] == [("plain", 0.0, 5.0)]
+    plain = Course.from_elements("plain", [Line(5.0)])
+    assert [part[:3] for part in sections_of(plain)] == [("plain", 0.0, 5.0)]
 
 
 def test_limits_are_drawn_on_their_sides():
@@ -70,8 +66,3 @@ def test_pictures_are_written(tmp_path, monkeypatch):
     saved.clear()
     main([str(tmp_path), "--course", "line"])
     assert [path.name for path in saved] == ["course_line.png"]
-
-
-def test_unknown_course_is_refused(tmp_path):
-    with pytest.raises(FileNotFoundError, match="there are benchmark"):
-        main([str(tmp_path), "--course", "nowhere"])

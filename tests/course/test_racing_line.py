@@ -124,9 +124,9 @@ def test_ideal_line_is_found_in_time_is_faster_and_near_the_record(barcelona):
 
 
 def test_mirrored_circuit_has_the_mirrored_line(shapes):
-    track = track_from_points("ring", parse_csv(shapes.csv_text(shapes.ring_points())))
-    mirrored = track.mirrored()
-    stations, other = (racing_line.stations_of(t) for t in (track, mirrored))
+    ring = shapes.ring_points()
+    texts = (shapes.csv_text(ring, 5.0, 6.0), shapes.csv_text(ring * [1.0, -1.0], 6.0, 5.0))
+    stations, other = (racing_line.stations_of(track_from_points("ring", parse_csv(text))) for text in texts)
     line, image = racing_line.least_curvature(stations), racing_line.least_curvature(other)
     assert image == pytest.approx(-line, abs=0.02)
 

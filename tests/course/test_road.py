@@ -97,18 +97,6 @@ def test_a_track_refuses_a_surface_that_does_not_fit(full: Track) -> None:
         replace(full, surface=replace(full.surface, bank=np.full(len(full.centre.s), math.sqrt(3.0))))
 
 
-def test_the_mirror_image_is_banked_and_blown_on_the_other_side(full: Track) -> None:
-    there = full.mirrored()
-    assert (there.bank == -full.bank).all()
-    assert there.surface.wind.towards == -full.surface.wind.towards
-    assert [part.side for part in there.surface.run_off] == ["left", "both"]
-    assert (there.mirrored().bank == full.bank).all()
-    offset = np.linspace(-5.0, 5.0, 11)
-    assert there.points(np.full(11, 450.0), -offset)[:, 2] == pytest.approx(
-        full.points(np.full(11, 450.0), offset)[:, 2]
-    )
-
-
 def test_run_off_is_grass_with_gravel_where_it_is_wide() -> None:
     s, widths = np.array([0.0, 10.0, 20.0]), (np.array([5.0, 19.0, 30.0]), np.array([40.0, 5.0, 5.0]))
     left, right = run_off_kinds(s, widths, ())
@@ -153,7 +141,6 @@ def test_lines_know_the_banking_below_them(shapes: Any) -> None:
     np.testing.assert_allclose(beside.bank, 0.05 * np.sin(2.0 * np.pi * share), atol=2e-3)
     # Beside the centre line by interpolated samples, the line turns a little against it.
     np.testing.assert_allclose(beside.height, 2.0 * beside.bank, atol=1e-5)
-    np.testing.assert_allclose(track.mirrored().line(0.0).bank, -bank)
 
 
 def test_lines_know_where_they_are_wet(shapes: Any) -> None:
@@ -184,8 +171,6 @@ def test_a_line_across_a_hill_rides_off_camber_or_banked(full: Track) -> None:
     np.testing.assert_allclose(told, found, atol=4e-4)
     level_across = np.interp(line.s[list(rows)] / line.s[-1], share, bank)
     assert np.abs(told - level_across).max() > 3e-3  # the hill's part, not banking alone
-    mirrored = track.mirrored().line(1.0)
-    np.testing.assert_allclose(mirrored.slope_across, -line.slope_across, atol=1e-9)
 
 
 def _height(track: Track, point: np.ndarray) -> float:

@@ -155,15 +155,9 @@ def test_kind_is_told_without_building(barcelona, tmp_path):
         (tmp_path / name).write_text(text)
         assert kind_of(tmp_path / name) == kind
         assert kind_of(str(tmp_path / name)) == kind
-    for name, text, message in [
-        ("other.yaml", "format: bike.track/9", "format is 'bike.track/9', this version reads 'bike.course/1'"),
-        ("list.yaml", "[1]", "must be a mapping"),
-        ("broken.csv", "1,2\n3,x\n", "row 2: y_m is 'x'"),
-        ("other.txt", "1,2", "ending '.txt' is not known"),
-    ]:
-        (tmp_path / name).write_text(text)
-        with pytest.raises(CourseFileError, match=message):
-            kind_of(tmp_path / name)
+    (tmp_path / "broken.csv").write_text("1,2\n3,x\n")
+    with pytest.raises(CourseFileError, match="row 2: y_m is 'x'"):
+        kind_of(tmp_path / "broken.csv")
     with pytest.raises(FileNotFoundError, match=r"there is no course file .*missing\.yaml"):
         kind_of(tmp_path / "missing.yaml")
     with pytest.raises(FileNotFoundError, match="no shipped course is called 'monza'"):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bike_sim.course.files import load_track, shipped_tracks
+from bike_sim.course.lap_timing import outside
 from bike_sim.course.layout import Piece, close_layout, curvature_profile, trace_layout
 from bike_sim.course.track import Track, find_corners
 
@@ -112,9 +113,8 @@ def test_points_are_where_offset_and_height_say(shipped):
 
 def test_outside_is_measured_from_the_nearer_limit(shapes):
     track = shapes.circle(width=12.0)
-    assert float(track.outside(5.0, 7.5)) == pytest.approx(1.5)
-    assert float(track.outside(5.0, -7.5)) == pytest.approx(1.5)
-    assert float(track.outside(5.0, 0.0)) == pytest.approx(-6.0)
+    for offset, expected in ((7.5, 1.5), (-7.5, 1.5), (0.0, -6.0)):
+        assert outside(track.table, track.centre.spacing, track.length, 5.0, offset) == pytest.approx(expected)
 
 
 def test_family_of_lines_goes_from_the_median_to_the_ideal_line(shapes):

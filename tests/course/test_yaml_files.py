@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from bike_sim.course.course import Course
 from bike_sim.course.csv_line import CourseFileError
-from bike_sim.course.files import load_course, shipped_courses
+from bike_sim.course.files import load_course
 
 
 @pytest.fixture
@@ -171,12 +171,9 @@ def test_unknown_name_lists_the_shipped_ones(name):
         load_course(name)
 
 
-def test_missing_file_is_named():
+def test_impossible_file_names_are_refused(load):
     with pytest.raises(FileNotFoundError, match=r"there is no course file missing.yaml"):
         load_course("missing.yaml")
-
-
-def test_impossible_file_names_are_refused(load):
     with pytest.raises(CourseFileError, match="cannot be read: File name too long"):
         load_course("a" * 5000 + ".csv")
     with pytest.raises(CourseFileError, match=r"own.yaml: its CSV file .* cannot be read: File name too long"):
@@ -238,7 +235,3 @@ def test_damaged_file_gives_a_course_or_one_error(tmp_path_factory, name, data):
     except CourseFileError as error:
         message = str(error)
     assert (name in message) == (course is None)
-
-
-def test_shipped_courses_are_listed():
-    assert {"benchmark", "circle", "junction", "line"} <= set(shipped_courses())

@@ -203,9 +203,10 @@ def test_envelope(name: str) -> None:
     assert 1.5 < limits.lateral(30.0) / 9.81 < 1.7
     assert 0.7 < limits.drive(20.0) / 9.81 < 1.0
     assert 1.0 < limits.brake(20.0) / 9.81 < 1.25
-    assert limits.drive_max[-1] < 0.0  # beyond top speed
-    assert (np.diff(limits.brake_max) > 0.0).all()  # air helps
-    top = limits.speeds[np.argmax(limits.drive_max <= 0.0)]
+    drive = limits.drive(limits.speeds)
+    assert drive[-1] < 0.0  # beyond top speed
+    assert (np.diff(limits.brake(limits.speeds)) > 0.0).all()  # air helps
+    top = limits.speeds[np.argmax(drive <= 0.0)]
     assert 80.0 < top < 95.0
 
 

@@ -41,7 +41,7 @@ def test_plan_keeps_its_reserve(panigale: Superbike, limits: Envelope) -> None:
         assert 0.8 < plan.lateral.max() / limit.lateral.max() < 1.001
         assert np.abs(plan.lean).max() < 1.001 * np.abs(limit.lean).max()
     careful = reserved(panigale, CLASSICAL_SETTINGS)
-    assert np.all(careful.brake_max < limits.brake_max)
+    assert np.all(careful.brake(careful.speeds) < limits.brake(limits.speeds))
     assert np.all(careful.lateral_max < limits.lateral_max)
     assert np.all(careful.lean_rate < limits.lean_rate)
     # However much the tyres would give, braking leaves room for turning, in a deep lean most of all: there a machine

@@ -36,7 +36,7 @@ def ridden(panigale: Superbike, circuit: Path) -> tuple[Batch, AdaptiveLaw, list
         batch.reset(row, batch.at_own_speed(row, ResetRequest(course=str(circuit))))
         law.begin(row, batch, batch.course(row))
     states, grips = [], []
-    while batch.look[~batch.fallen, lk.PROGRESS].min(initial=1e9) < 2000.0:
+    while batch.look[~batch.fallen, lk.PROGRESS].min(initial=1e9) < 1500.0:
         batch.step(np.where(batch.fallen[:, None], 0.0, law.commands(batch)))
         states.append(batch.state.copy())
         grips.append(np.stack((batch.look[:, lk.PROGRESS], law.grip), axis=1))
@@ -51,7 +51,7 @@ def test_the_known_road_changes_no_bit(ridden, panigale: Superbike, circuit: Pat
     plan = verified_plan(panigale, alone.course(0), CLASSICAL_SETTINGS, CONFIG.control_period)
     follower = PlanFollower(panigale, CONFIG.control_period, CLASSICAL_SETTINGS, plan, [0.0])
     follower.begin(0, alone, alone.course(0))
-    for step, expected in enumerate(states[:1500]):
+    for step, expected in enumerate(states[:800]):
         alone.step(follower.commands(alone, step))
         np.testing.assert_array_equal(alone.state[0], expected[0])
 
@@ -120,7 +120,7 @@ def test_the_rider_of_a_node_rides_the_same(ridden, circuit: Path) -> None:
     request = simulator.at_own_speed(ResetRequest(course=str(circuit)))
     rides = rollout(simulator, ClassicalRider(), request)
     next(rides)
-    for expected, snapshot in zip(states[:600], rides, strict=False):
+    for expected, snapshot in zip(states[:400], rides, strict=False):
         np.testing.assert_array_equal(snapshot.state, expected[1])
     simulator.close()
 

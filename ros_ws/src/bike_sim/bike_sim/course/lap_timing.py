@@ -127,16 +127,6 @@ class Timing:
     ideal_distance: float
     farthest: float
 
-    @property
-    def last(self) -> Lap | None:
-        """The last finished lap."""
-        return self.laps[-1] if self.laps else None
-
-    @property
-    def best(self) -> Lap | None:
-        """The fastest valid lap."""
-        return min((lap for lap in self.laps if lap.valid), key=lambda lap: lap.duration, default=None)
-
 
 class LapLog:
     """Finished laps and events of a ride, from the rows that its account writes.

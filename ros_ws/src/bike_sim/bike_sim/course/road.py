@@ -7,7 +7,7 @@ walls have defaults, for no road is without.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from enum import IntEnum
 from typing import TYPE_CHECKING, Final
 
@@ -164,16 +164,6 @@ class RoadSurface:
         for patch in self.wet:
             found[between(s, patch.begin, patch.end)] *= patch.grip
         return found
-
-    def mirrored(self) -> RoadSurface:
-        """Return the surface of the mirrored circuit: left becomes right."""
-        other = {"left": "right", "right": "left", "both": "both"}
-        return replace(
-            self,
-            bank=None if self.bank is None else -self.bank,
-            run_off=tuple(replace(part, side=other[part.side]) for part in self.run_off),
-            wind=replace(self.wind, towards=-self.wind.towards),
-        )
 
 
 WIDE: Final = 20.0

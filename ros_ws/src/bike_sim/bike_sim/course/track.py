@@ -206,12 +206,6 @@ class Track:
         """Progress of the sectors' beginnings behind the start line, m, growing."""
         return np.array([start for _, start in self.sectors if 0.0 < start < self.length])
 
-    def outside(self, progress: FloatArray | float, offset: FloatArray | float) -> FloatArray:
-        """Return the distance of a point beyond the limits, m; negative within."""
-        left = offset - self.at(self.width_left, progress)
-        right = -np.asarray(offset) - self.at(self.width_right, progress)
-        return np.maximum(left, right)
-
     def with_ideal(self, offset: FloatArray) -> Track:
         """Return the circuit with an ideal line, given by its offset at the samples, m."""
         return replace(self, ideal=offset)
@@ -274,28 +268,6 @@ class Track:
         rise = self.at(self.grade, progress) + offset * self.at(slope_of(self.bank, self.centre.spacing), progress)
         along = rise / (1.0 - offset * self.at(self.centre.curvature, progress))
         return np.cos(turned) * self.at(self.bank, progress) - np.sin(turned) * along
-
-    def mirrored(self) -> Track:
-        """Return the mirror image: left becomes right."""
-        centre = replace(
-            self.centre,
-            name=f"{self.name} (mirrored)",
-            y=-self.centre.y,
-            heading=-self.centre.heading,
-            curvature=-self.centre.curvature,
-            width_left=self.centre.width_right,
-            width_right=self.centre.width_left,
-        )
-        return Track(
-            centre,
-            self.elevation,
-            self.run_off_right,
-            self.run_off_left,
-            tuple(replace(corner, angle=-corner.angle) for corner in self.corners),
-            None if self.ideal is None else -self.ideal,
-            self.description,
-            self.surface.mirrored(),
-        )
 
     @cached_property
     def grade(self) -> FloatArray:

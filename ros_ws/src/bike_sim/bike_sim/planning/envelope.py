@@ -127,16 +127,6 @@ class Envelope:
         """Largest lateral acceleration on level ground over `speeds`, m/s^2."""
         return self.lateral(self.speeds)
 
-    @property
-    def drive_max(self) -> FloatArray:
-        """Largest acceleration upright on level ground over `speeds`, m/s^2; negative beyond top speed."""
-        return self.drive(self.speeds)
-
-    @property
-    def brake_max(self) -> FloatArray:
-        """Largest deceleration upright on level ground over `speeds`, m/s^2."""
-        return self.brake(self.speeds)
-
     def lateral(self, speed: FloatArray | float, load: float = 1.0) -> FloatArray:
         """Return the largest lateral acceleration at a speed (m/s) and load (1 on level ground), m/s^2."""
         return self._look_up(LATERAL, speed, 0.0, load)
