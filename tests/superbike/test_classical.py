@@ -17,6 +17,7 @@ from bike_sim.physics.superbike.engine import TIME_STEP, CompiledSuperbikeEngine
 from bike_sim.physics.superbike.statics import turning_state
 from bike_sim.planning.envelope import Envelope, envelope
 from bike_sim.planning.lap_limit import lap_limit
+from bike_sim.planning.line_cache import track_with_line
 from bike_sim.schema import SIGNALS
 from bike_sim.vehicles.files import load_superbike
 from bike_sim.vehicles.superbike import Superbike
@@ -203,7 +204,8 @@ def test_rehearses_on_the_wet(panigale: Superbike, tmp_path: Path) -> None:
     ride = ride_laps("panigale_v4r", path, 1, engine="compiled")
     assert ride.end == "finished"
     assert ride.plan is not None
-    assert ride.plan.lap_time > 1.005 * plan_lap(panigale, ride.track.line(1.0), CLASSICAL_SETTINGS).lap_time
+    line = track_with_line(path, envelope(panigale)).line(1.0)
+    assert ride.plan.lap_time > 1.005 * plan_lap(panigale, line, CLASSICAL_SETTINGS).lap_time
 
 
 def test_a_start_line_in_a_bend_is_begun_slowly(tmp_path: Path) -> None:
