@@ -77,7 +77,7 @@ def test_linkage_is_the_published_one() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("unusual", "count"), [(False, 18), pytest.param(True, 12, marks=pytest.mark.long)])
+@pytest.mark.parametrize(("unusual", "count"), [(False, 22), pytest.param(True, 12, marks=pytest.mark.long)])
 def test_every_published_figure_is_met(unusual: bool, count: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Statics, Sharp's eigenvalues at eight speeds, and those of a linear model with joints switched on and off.
 

@@ -19,6 +19,7 @@ from bike_sim.physics import state as st
 from bike_sim.physics.engine import NO_FALL
 from bike_sim.physics.superbike import modes, tyres
 from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine
+from bike_sim.validation import superbike
 from bike_sim.validation.report import Check, Mode, Report
 from bike_sim.validation.superbike import lateral_error, measure_performance, signal, steady_turns
 from bike_sim.vehicles.files import joined, load_superbike, vehicle_document, vehicle_from_document
@@ -52,6 +53,8 @@ def published() -> dict[str, Any]:
 def validate(vehicle: Superbike, time_step: float, progress: Callable[[str], None]) -> Report:
     """Measure a machine that gives way, and Sharp's motorcycle, beside all published figures.
 
+    A machine without figures of its own is measured for its modes, hands off and on, and for shake.
+
     Args:
         vehicle: the machine, with joints.
         time_step: integration step of the road tests, s; comparisons have their own.
@@ -63,6 +66,11 @@ def validate(vehicle: Superbike, time_step: float, progress: Callable[[str], Non
     progress("steady turns")
     torques, performance = list(steady_torques(vehicle)), measure_performance(vehicle, time_step)
     report.checks += check_rides(vehicle, torques, performance)
+    if vehicle.name not in published():
+        progress("modes and shake")
+        for hands in (False, True):
+            report.checks += superbike.check_modes(superbike.measured_modes([vehicle], hands), hands)
+        report.checks += superbike.check_shake([vehicle], time_step)
     report.tables = {"torques": torques, "performance": [performance]} if torques else {"performance": [performance]}
     return report
 
