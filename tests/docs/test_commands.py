@@ -1,12 +1,18 @@
 """Commands in README, documents and help can be given as they stand there."""
 
+import os
 import re
 import shlex
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from bike_sim.ros.isolation import DomainLease
 from bike_training import cli
 from bike_training.commands import declarations as dc
 from bike_training.commands.declarations import COMMANDS
@@ -62,6 +68,7 @@ def test_make_rides_with_commands_that_exist(check_command: Callable[..., None])
 SHORTER = {
     ("ride", dc.SUPERBIKE): "--laps 1 --engine compiled",
     ("ride", dc.ALL): "--laps 1 --engine compiled",
+    ("ride", dc.NODES): "--laps 1",
     ("live", dc.BICYCLE): "--seconds 2",
     ("evaluate", dc.BICYCLE): "--speeds 4 --random-rides 0 --engine whipple --time-step 0.01",
     ("evaluate", dc.SUPERBIKE): "--starts 1",
@@ -78,17 +85,35 @@ SHORTER = {
 @pytest.mark.ros
 @pytest.mark.timeout(3600)
 def test_every_line_of_readme_can_be_given_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """After `make ride`, each in a form that takes seconds; then its blocks of Python."""
+    """Each in a form that takes seconds, `make` by what it calls; then nodes and Python."""
     pytest.importorskip("rclpy")
     text = (ROOT / "README.md").read_text(encoding="utf-8")
+    recipes = dict(re.findall(r"^([\w-]+):.*\n\t@\$\(BIN\)/(bike .*)$", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    blocks = "\n".join(re.findall(r"^```sh\n.*?^```$", text, re.DOTALL | re.MULTILINE))
+    shell = re.sub(r"^make ([\w-]+)", lambda made: recipes.get(made[1], made[0]), blocks, flags=re.MULTILINE)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "docs").symlink_to(ROOT / "docs")
-    assert cli.main(["ride"]) == 0
-    for command in commands_of("\n".join(re.findall(r"^```sh\n.*?^```$", text, re.DOTALL | re.MULTILINE))):
+    given = commands_of(shell.replace("$(or $(V),whipple)", "whipple"))
+    assert len(given) >= 13
+    for command in given:
         words = shlex.split(command)[1:]
         subject = cli.parse(words[0], words[1:]).subject
         code = cli.main([*words, *SHORTER.get((words[0], subject), "").split()])
         # One segment of learning is no rider.
         assert code in ((0, 1) if subject == dc.REFINEMENT else (0,)), command
+    nodes = [shlex.split(line) for line in re.findall(r"^ros2 run .*$", blocks, re.MULTILINE)]
+    with DomainLease() as lease, (tmp_path / "words").open("w") as file:
+        environment = os.environ | {"ROS_DOMAIN_ID": str(lease.domain_id)}
+        running = [
+            subprocess.Popen([Path(sys.prefix) / "bin" / ros2, *rest], env=environment, stderr=file)
+            for ros2, *rest in nodes
+        ]
+        end = time.monotonic() + 120.0
+        while "driving episode" not in (tmp_path / "words").read_text() and time.monotonic() < end:
+            time.sleep(0.5)
+        for node in running:
+            node.send_signal(signal.SIGINT)
+        assert [node.wait(60.0) for node in running] == [0, 0]
+    assert "driving episode" in (tmp_path / "words").read_text()
     for block in re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
         exec(block, {})
