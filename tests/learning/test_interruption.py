@@ -25,7 +25,7 @@ def command(monkeypatch):
     """A command `bike wait` whose work the test gives."""
     module = types.SimpleNamespace()
     monkeypatch.setitem(sys.modules, "bike_training.commands.waits", module)
-    waits = Command("waits", "no time", "", {"it": "waits:run"}, lambda args: "it", {}, {})
+    waits = Command("waits", "no time", "", {"it": "waits:run"}, lambda args: "it", {})
     monkeypatch.setitem(COMMANDS, "wait", waits)
     return module
 

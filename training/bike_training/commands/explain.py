@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 import textwrap
+from contextlib import ExitStack
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -39,8 +41,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     bundle = load_bundle(policy_of(read_recording(path).notes, path) if args.policy is None else args.policy)
     make_folder("--out", args.out)
     section = args.section or (WHOLE_RIDE if bundle.layout.races else SECTION)
-    with progress_bar("riding again", "step", quiet=args.json, leave=False) as bar:
-        seen = read_observations(path, bundle, section, args.ride, setter(bar))
+    with ExitStack() as shown:
+        # Opened with the first step, so that nothing but the error is printed where there is none.
+        report = cache(lambda: setter(shown.enter_context(progress_bar("riding again", "step", quiet=args.json))))
+        seen = read_observations(path, bundle, section, args.ride, lambda done, total: report()(done, total))
     explanation = explain(bundle, seen.observations, silent=args.json)
     place = "the whole ride" if seen.section == WHOLE_RIDE else seen.section
     headline = f"{bundle.name} on {place} ({seen.course or 'course not recorded'})"
