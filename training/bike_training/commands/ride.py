@@ -102,7 +102,7 @@ PAIRS: Final = {
     "machine": "{vehicle}", "circuit": "{course}", "end": "{end}", "best lap": "{lap_s!l}",
     "theoretical": "{limit_s!l}", "slowest over it": "{excess:+.1%}", "closest": "{closest_limit_s!l}",
     "over it": "{closest_excess:+.1%}", "laps": "{laps}", "valid": "{valid_laps}",
-    "off line": "{line_error_max_m:.2f} m",
+    "most off line": "{line_error_max_m:.2f} m",
 }  # fmt: skip
 """Columns of the table of laps."""
 GG_POINTS: Final = 25
