@@ -13,8 +13,10 @@ from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any, Final
 
+import bike_sim
 from bike_sim.documents import alternatives, shorten
 from bike_training import learning_packages
 from bike_training.commands.declarations import COMMANDS, NEED_ROS
@@ -56,7 +58,7 @@ def _run(words: Sequence[str], alone: bool = False) -> int:
         print(f"bike {version(learning_packages.DISTRIBUTION)}")
         return 0
     prefix = f"bike {name}" if name in COMMANDS else "bike"
-    note = _noted(f"{prefix}: loading what it needs") if alone else nullcontext()
+    note = _noted(f"{prefix}: loading what it needs{_first_start()}") if alone else nullcontext()
     with signals_noted() as interrupted_code:
         try:
             with signals_handled(leave_at_once), note:
@@ -84,6 +86,14 @@ def _run(words: Sequence[str], alone: bool = False) -> int:
             print(json.dumps(result))
         # Learning ends by itself after a signal, with a checkpoint, and reports what it learned.
         return 0 if result["ok"] else interrupted_code() or 1
+
+
+def _first_start() -> str:
+    """Return what to expect where no compiled kernel lies beside the simulator's sources."""
+    compiled = Path(bike_sim.__path__[0]).glob("physics/*/__pycache__/*.nbi")
+    if "NUMBA_CACHE_DIR" in os.environ or any(compiled):
+        return ""
+    return "; the first ride on a machine compiles it, which takes minutes"
 
 
 @contextmanager
