@@ -21,7 +21,7 @@ from bike_policy.contract.observation import (
     RideMemory,
     Rows,
 )
-from bike_policy.contract.reference import KEPT, OPEN, Reference, ReferenceRows
+from bike_policy.contract.reference import GRIPS, KEPT, OPEN, Reference, ReferenceRows
 from bike_policy.riders.racing import RaceInterface
 from bike_sim.schema import LOOK, SIGNALS, STATE
 from bike_sim.vehicles.files import load_vehicle
@@ -77,6 +77,7 @@ def memory_of(layout, rows, sign=1.0, actions=()):
         actions=np.zeros((count, 2, 2)),
         guide=np.tile([0.3 * sign, 0.5, 0.7 * sign, -0.05], (count, 1)),
         vehicle=MACHINE,
+        grip=np.tile([0.9, 0.95, 0.03], (count, 1)),
         references=references,
     )
     for action in actions:
@@ -160,6 +161,19 @@ def test_a_reference_is_sampled_linearly_around_the_lap(progress, share, cap):
     assert speed[1] == pytest.approx(min(cap, share * np.interp(at, s, plan.speed)), abs=1e-7)
     many, _ = rows.at(np.full((2, 4), progress))
     np.testing.assert_array_equal(many[1], np.full(4, curvature[1]))
+
+
+@given(grip=st.floats(0.3, 1.3), place=st.floats(0.0, 1000.0))
+def test_an_adaptive_reference_asks_for_the_speed_of_the_inferred_grip(grip, place):
+    rows, plan = ReferenceRows(2, adaptive=True), reference(5)
+    slower = np.stack([plan.speed * part for part in (0.95, 0.9, 0.8)], axis=1)
+    for row in range(2):
+        rows.begin(row, plan._replace(slower=slower))
+    rows.grip[1] = grip
+    curvature, speed = rows.at(np.full(2, place))
+    assert curvature[0] == curvature[1]
+    expected = np.interp(min(max(grip, 0.7), 1.0), GRIPS[::-1], (0.8, 0.9, 0.95, 1.0))
+    assert speed[1] == pytest.approx(expected * speed[0])
 
 
 @given(seed=st.integers(0, 2**32 - 1))

@@ -14,6 +14,7 @@ from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import superbike_config
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.worlds import draw_world
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.learning.presets import load_preset
 from bike_training.tasks.base import batch_of, sum_of
@@ -394,3 +395,22 @@ def test_machines_of_every_engine_are_taken_in_turn_but_no_bicycle_among_them():
 def test_wrong_settings_are_refused(change, message):
     with pytest.raises(ValueError, match=message):
         replace(TASK, **change)
+
+
+def test_commands_act_as_late_as_each_row_s_world_says():
+    worlds = [draw_world(number) for number in range(12)]
+    late = [round(world.command_delay_s / PERIOD) for world in worlds]
+    assert {0, 1, 2} == set(late)
+    task = RaceTask(observation="adaptive", disturbances=("world:0-11",))
+    batch, rides = batch_of(task, 12, COMPILED)
+    for row in range(12):
+        request = ResetRequest(course="barcelona", speed_range=(40.0, 40.0), progress=200.0)
+        batch.reset(row, request)
+        rides.begin(row, batch, request, batch.course(row))
+    seen = rides.observe(batch)
+    assert seen.shape == (12, task.layout.size)
+    rides.act(batch, np.tile([0.0, 0.5], (12, 1)))
+    acting = np.stack([rides.commands(batch)[:, 1] for _ in range(3)])
+    for row, periods in enumerate(late):
+        np.testing.assert_array_equal(acting[:, row], [0.5 * (k >= periods) for k in range(3)])
+    batch.close()

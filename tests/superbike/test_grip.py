@@ -39,7 +39,7 @@ def ridden(panigale: Superbike, circuit: Path) -> tuple[Batch, AdaptiveLaw, list
     while batch.look[~batch.fallen, lk.PROGRESS].min(initial=1e9) < 1500.0:
         batch.step(np.where(batch.fallen[:, None], 0.0, law.commands(batch)))
         states.append(batch.state.copy())
-        grips.append(np.stack((batch.look[:, lk.PROGRESS], law.grip), axis=1))
+        grips.append(np.stack((batch.look[:, lk.PROGRESS], law.memory.grip), axis=1))
     return batch, law, states, grips
 
 
@@ -71,13 +71,13 @@ def test_less_grip_is_found_and_ridden(ridden) -> None:
 def test_a_rider_goes_slower_where_the_lap_before_had_less_grip(ridden) -> None:
     """Of the lap before, the smallest grip of each part is remembered; it counts from a little ahead on."""
     _, law, _, _ = ridden
-    lap = law._lap[3]
+    lap = law.memory._lap[3]
     lowest = int(np.argmin(lap))
     assert lap[lowest] < 0.97
     here = np.full(4, (lowest - 2) * BIN + 1.0)
-    law.grip[:] = 1.0
-    assert law._expected(here)[3] == lap[lowest]
-    assert law._expected(here)[0] == pytest.approx(1.0, abs=1e-6)
+    law.memory.grip[:] = 1.0
+    assert law.memory.ahead(here)[3] == lap[lowest]
+    assert law.memory.ahead(here)[0] == pytest.approx(1.0, abs=1e-6)
 
 
 def test_plans_fall_with_the_grip(panigale: Superbike, circuit: Path) -> None:
@@ -105,7 +105,7 @@ def test_a_ride_goes_on_from_what_is_kept(panigale: Superbike, circuit: Path) ->
         law.begin(0, batch, batch.course(0))
     for _ in range(300):
         batch.step(laws[0].commands(batch))
-    assert laws[0].grip[0] < 0.95
+    assert laws[0].memory.grip[0] < 0.95
     laws[1].restore(laws[0].state_dict())
     for _ in range(100):
         commands = laws[0].commands(batch)
@@ -134,4 +134,4 @@ def test_any_tyre_law_tells_the_known_road(vehicle: str, circuit: Path) -> None:
     law.begin(0, batch, batch.course(0))
     for _ in range(250):
         batch.step(law.commands(batch))
-        assert law.grip[0] == pytest.approx(1.0, abs=1e-6)
+        assert law.memory.grip[0] == pytest.approx(1.0, abs=1e-6)

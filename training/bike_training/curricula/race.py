@@ -29,8 +29,8 @@ from bike_training.tasks.race import RaceContext
 
 FloatArray = NDArray[np.float64]
 
-START_SHARES: Final = (0.35, 0.95)
-"""Starts are drawn in this interval of the theoretical speed at their place."""
+SLOWEST_START: Final = 0.35
+"""Least part of the theoretical speed at its place that a start has."""
 START_OFFSET: Final = 0.7
 """Largest distance of a start from the followed line, m."""
 BIN: Final = 50.0
@@ -103,6 +103,8 @@ class RaceCurriculumSettings(CurriculumSettings):
         spread: half width of the interval that the share of an episode is drawn from.
         failure_share: part of the starts that lead up to where rides failed lately.
         start_line: whether the other starts are at the start line, instead of anywhere.
+        fastest_start: largest part of the theoretical speed at its place that a start has.
+        whole_share: part of a validation's rides that must be whole to finish.
         sampled: most circuits that a validation rides, drawn anew for each; comparisons ride the first ones.
         validate_every: least learning steps between two validations.
         select_every: learning steps between two comparisons of actors, once a validation was whole.
@@ -111,6 +113,8 @@ class RaceCurriculumSettings(CurriculumSettings):
     limits: ClassVar = {
         "share": POSITIVE,
         "failure_share": (0.0, 1.0),
+        "fastest_start": (SLOWEST_START, 1.0),
+        "whole_share": (0.0, 1.0),
         **dict.fromkeys(("sampled", "validate_every", "select_every"), AT_LEAST_1),
     }
 
@@ -120,6 +124,8 @@ class RaceCurriculumSettings(CurriculumSettings):
     spread: float = 0.0
     failure_share: float = 0.0
     start_line: bool = False
+    fastest_start: float = 0.95
+    whole_share: float = 1.0
     sampled: int = 12
     validate_every: int = 10_000
     select_every: int = 30_000
@@ -139,8 +145,8 @@ class RaceCurriculumSettings(CurriculumSettings):
 class RaceCurriculum(Curriculum):
     """The same asked of every episode.
 
-    It is finished when all rides of a validation were whole: laps from several places, with never both contact points
-    outside. Learning goes on, and actors are compared from then on.
+    It is finished when all rides of a validation (or `whole_share` of them) were whole: laps from several places, with
+    never both contact points outside. Learning goes on, and actors are compared from then on.
 
     Attributes:
         circuits: that are ridden.
@@ -176,7 +182,7 @@ class RaceCurriculum(Curriculum):
         if failed is not None:
             before = float(rng.uniform(*RUN_UP)) * circuits.start(name, lam, failed % length, 1.0, row)
             progress = (failed - before) % length
-        share = float(rng.uniform(*START_SHARES)) * min(1.0, context.share)
+        share = float(rng.uniform(SLOWEST_START, settings.fastest_start)) * min(1.0, context.share)
         speed = min(max(circuits.start(name, lam, progress, share, row), 5.0), context.v_max)
         return ResetRequest(
             seed=int(rng.integers(2**31)),
@@ -237,8 +243,8 @@ class RaceCurriculum(Curriculum):
         return found
 
     def passes(self, errors: Sequence[float]) -> bool:
-        """Return whether all rides were whole."""
-        return max(errors) < 1.0
+        """Return whether as many rides were whole as asked."""
+        return float(np.mean(np.asarray(errors) < 1.0)) >= self.settings.whole_share
 
     def ended(self, episode: EndedEpisode) -> None:
         """Note where an episode failed; what was noted before counts less."""

@@ -20,8 +20,8 @@ from bike_policy.contract.observation import ObservationLayout, Rows, VehicleRow
 from bike_sim.course.course import Course
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.disturbances import load_disturbances
 from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.sim.worlds import load_worlds
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.settings import Settings, check_choice, check_number, from_plain, to_plain
@@ -224,12 +224,15 @@ def batch_of(task: Task, count: int, config: SimulatorConfig, machines: Sequence
         FileNotFoundError: an unknown vehicle.
     """
     names = round_robin(machines, count) if len(machines) > 1 else None
-    worlds = [load_disturbances(name) for name in task.disturbances]
-    # All machines ride in the first world, then all in the second.
-    rows = [worlds[row // max(len(machines), 1) % len(worlds)] for row in range(count)] if worlds else None
+    worlds = load_worlds(task.disturbances)
+    # All machines ride in the first world, then all in the second; or each row in its own, where there are that many.
+    each = max(len(machines), 1) if worlds and len(worlds) * len(machines) <= count else 1
+    rows = [worlds[row // each % len(worlds)] for row in range(count)] if worlds else None
     batch = Batch(count, config, task.preview, rows, names)
     vehicles = [batch.vehicle] if names is None else [load_vehicle(name) for name in machines]
-    return batch, state_of(task, vehicles, count)
+    state, period = state_of(task, vehicles, count), config.control_period
+    late = [world.periods(world.command_delay_s, period) for world in rows or ()]
+    return batch, DelayedTaskState(state, late) if any(late) else state
 
 
 def state_of(task: Task, vehicles: Sequence[Vehicle], count: int) -> TaskState:
@@ -312,3 +315,52 @@ class MultiVehicleTaskState(TaskState):
         """Continue from a stored memory; see `TaskState`."""
         for part, state in enumerate(self._parts):
             state.restore(stored[str(part)])
+
+
+class DelayedTaskState(TaskState):
+    """State of a task whose commands act late."""
+
+    def __init__(self, state: TaskState, late: Sequence[int]) -> None:
+        """Take a state and the delay of each row in control periods."""
+        self._state, self._late = state, np.array(late)
+        self._sent = np.zeros((max(late) + 1, len(late), 2))
+
+    def begin(self, row: int, rows: VehicleRows, request: ResetRequest, course: Course) -> None:
+        """Begin the ride of one machine, straight ahead until the first command acts; see `TaskState`."""
+        self._sent[:, row] = 0.0
+        self._state.begin(row, rows, request, course)
+
+    def observe(self, rows: VehicleRows) -> NDArray[np.float32]:
+        """Return the observations; see `TaskState`."""
+        return self._state.observe(rows)
+
+    def act(self, rows: VehicleRows, actions: NDArray[np.floating]) -> None:
+        """Begin a decision; see `TaskState`."""
+        self._state.act(rows, actions)
+
+    def commands(self, rows: VehicleRows) -> FloatArray:
+        """Return the commands that act in a control period; see `TaskState`."""
+        self._sent[1:] = self._sent[:-1].copy()
+        self._sent[0] = self._state.commands(rows)
+        return np.asarray(self._sent[self._late, np.arange(len(self._late))])
+
+    def advance(self, rows: VehicleRows) -> None:
+        """Add a control period; see `TaskState`."""
+        self._state.advance(rows)
+
+    def evaluate(self, rows: VehicleRows) -> StepResult:
+        """Return the outcome of the decision; see `TaskState`."""
+        return self._state.evaluate(rows)
+
+    def error(self, rows: VehicleRows) -> FloatArray:
+        """Return the error of each machine at this instant; see `TaskState`."""
+        return self._state.error(rows)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the memory; see `TaskState`."""
+        return {"sent": self._sent.copy(), "state": self._state.state_dict()}
+
+    def restore(self, stored: Mapping[str, Any]) -> None:
+        """Continue from a stored memory; see `TaskState`."""
+        self._sent[...] = stored["sent"]
+        self._state.restore(stored["state"])

@@ -122,6 +122,8 @@ class RideMemory:
         guide: last steering and throttle of the guide, its distance from the followed line (m) and its change of the
             planned speed as a part of it, shape (n, 4); zeros without one.
         vehicle: descriptor of the vehicle, in the order of DESCRIPTOR.
+        grip: grip expected here and shortly ahead, grip inferred here, and standard deviation of its error, shape
+            (n, 3).
         references: followed lines of the vehicles.
     """
 
@@ -130,6 +132,7 @@ class RideMemory:
     actions: FloatArray
     guide: FloatArray
     vehicle: FloatArray
+    grip: FloatArray
     references: ReferenceRows
 
 
@@ -400,6 +403,10 @@ RACE_TERMS: Final[Mapping[str, Term]] = {
     "guide": Term(
         "1, 1, m, 1", lambda s: s.memory.guide, (-1.0, 1.0, -1.0, 1.0), (1.0, 1.0, 2.0, 0.1),
         names=("guide_steering", "guide_throttle", "guide_offset", "guide_pace"),
+    ),
+    "grip": Term(
+        "1", lambda s: s.memory.grip - (1.0, 1.0, 0.0), 1.0, (0.2, 0.2, 0.1),
+        names=("grip_expected", "grip_inferred", "grip_deviation"),
     ),
     "machine": Term("1", lambda s: np.tile(s.memory.vehicle, (len(s.speed), 1)), names=DESCRIPTOR),
 }  # fmt: skip
@@ -684,6 +691,9 @@ of the tyres and lags of rider and actuators say how much is left. Stations are 
 begins to within a tenth of a second.
 """
 
+ADAPTIVE: Final = replace(COMPACT, name="adaptive", terms=(*COMPACT.terms, "grip", "machine"))
+"""The same, the inferred grip of the road, for which the reference is planned, and the descriptor of the vehicle."""
+
 GUIDED: Final = replace(COMPACT, name="guided", terms=(*COMPACT.terms, "guide"))
 """The same, and the guide's commands and targets."""
 
@@ -691,6 +701,6 @@ CONDITIONED: Final = replace(GUIDED, name="conditioned", terms=(*GUIDED.terms, "
 """The same, and the descriptor of the vehicle: for one policy of many vehicles."""
 
 RACE_LAYOUTS: Final[Mapping[str, ObservationLayout]] = {
-    layout.name: layout for layout in (COMPACT, GUIDED, CONDITIONED, PAPER_RACE)
+    layout.name: layout for layout in (COMPACT, ADAPTIVE, GUIDED, CONDITIONED, PAPER_RACE)
 }
 """Layouts of races by name."""

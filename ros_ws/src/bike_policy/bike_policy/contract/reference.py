@@ -20,6 +20,9 @@ KEPT: Final = 64
 
 There are more tables where more rows ride on lines of their own."""
 
+GRIPS: Final = (1.0, 0.9, 0.8, 0.7)
+"""Grips of the road, falling and evenly spaced, for which references that follow the inferred grip are planned."""
+
 OPEN: Final = 1000.0
 """Speed limit of a ride without one, m/s: finite, so that it passes through every file and message."""
 
@@ -82,12 +85,20 @@ class Reference(NamedTuple):
     Attributes:
         spacing: distance of the samples, m.
         curvature: 1/m, positive turning left.
-        speed: planned speed, m/s.
+        speed: planned speed on the known road, m/s.
+        slower: planned speeds on each of `GRIPS` but the first, m/s, shape (samples, 3); None where they are not
+            followed.
     """
 
     spacing: float
     curvature: FloatArray
     speed: FloatArray
+    slower: FloatArray | None = None
+
+    def table(self) -> FloatArray:
+        """Return curvature and speeds as columns."""
+        columns = [self.curvature, self.speed, *([] if self.slower is None else self.slower.T)]
+        return np.stack(columns, axis=1)
 
 
 class ReferenceRows:
@@ -96,16 +107,23 @@ class ReferenceRows:
     Attributes:
         share: part of the planned speed that is asked of each row.
         cap: speed limit of each row, m/s.
+        grip: of the road that each row's speed is planned for; only known where references are adaptive.
         lines: that the rows follow.
     """
 
-    def __init__(self, count: int) -> None:
-        """Make room for a number of vehicles."""
+    def __init__(self, count: int, adaptive: bool = False) -> None:
+        """Make room for a number of vehicles.
+
+        Args:
+            count: of vehicles.
+            adaptive: whether the planned speed follows `grip`; references then need slower speeds.
+        """
         self.share = np.ones(count)
         self.cap = np.full(count, OPEN)
-        self.lines = LineTables[Reference](
-            count, (0.0, 1.0), lambda line: np.stack((line.curvature, line.speed), axis=1)
-        )
+        self.grip = np.ones(count)
+        self._adaptive = adaptive
+        blank = (0.0, *np.ones(len(GRIPS) if adaptive else 1))
+        self.lines = LineTables[Reference](count, blank, Reference.table)
 
     def begin(self, row: int, reference: Reference, share: float = 1.0, cap: float = OPEN) -> None:
         """Let a row follow a line from now on.
@@ -143,5 +161,12 @@ class ReferenceRows:
         u -= i
         i += lines.offset[many]
         here, step = lines.samples[i], lines.samples[i + 1] - lines.samples[i]
-        curvature, speed = np.moveaxis(here + u[..., None] * step, -1, 0)
+        curvature, *speeds = np.moveaxis(here + u[..., None] * step, -1, 0)
+        speed = self._on_grip(speeds, many) if self._adaptive else speeds[0]
         return curvature, np.minimum(self.share[many] * speed, self.cap[many])
+
+    def _on_grip(self, speeds: Sequence[FloatArray], many: tuple[slice | None, ...]) -> FloatArray:
+        """Return the speed for each row's grip, linear between those of `GRIPS`."""
+        place = np.clip((GRIPS[0] - self.grip) / (GRIPS[0] - GRIPS[1]), 0.0, len(GRIPS) - 1.0)[many]
+        weights = [np.maximum(0.0, 1.0 - np.abs(place - k)) for k in range(len(GRIPS))]
+        return np.asarray(sum(weight * speed for weight, speed in zip(weights, speeds, strict=True)))

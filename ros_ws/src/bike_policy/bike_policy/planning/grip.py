@@ -19,15 +19,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bike_policy.contract.observation import VehicleRows
-from bike_policy.contract.reference import KEPT
-from bike_policy.planning.lap_plan import P_FASTER, LinePlan, Planner, RiderSettings, plan_line
-from bike_policy.planning.line_law import KNOWN, PROGRESS, SEEN, SPEED, LineLaw, seen_of
+from bike_policy.contract.observation import PROGRESS, SPEED, VehicleRows
+from bike_policy.contract.reference import GRIPS, KEPT
+from bike_policy.planning.lap_plan import P_FASTER, LinePlan, Planner, RiderSettings, on_grip, plan_line
+from bike_policy.planning.line_law import SEEN, LineLaw, seen_of
 from bike_policy.planning.plan_verification import verified_plan
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike import tyres
 from bike_sim.planning.envelope import envelope
-from bike_sim.schema import SIGNALS
+from bike_sim.schema import SIGNALS, STATE
 from bike_sim.vehicles.superbike import Record, Superbike
 
 FloatArray = NDArray[np.float64]
@@ -49,8 +49,6 @@ HELD: Final = 0.95
 """Part of the lateral acceleration that the grip allows which a rider leans for where there is less than known."""
 _STEP: Final = 1e-3
 
-SOLVED: Final = (1.0, 0.9, 0.8, 0.7)
-"""Grips for which plans are solved, falling; others lie linearly between them."""
 LEVEL: Final = 0.01
 """Difference of two plans in grip."""
 BIN: Final = 25.0
@@ -58,12 +56,81 @@ BIN: Final = 25.0
 AHEAD: Final = 4
 """Parts ahead whose grip in the lap before counts."""
 
-_STORED: Final = ("law", "grip", "variance", "level", "part", "lap")
+_STORED: Final = ("grip", "variance", "expected", "_part", "_lap", "_state")
 _NAMES: Final = (
     "rear_force_long", "rear_force_lat", "rear_slip", "rear_slip_angle", "rear_camber", "rear_load",
     "front_force_long", "front_force_lat", "front_slip", "front_slip_angle", "front_camber", "front_load",
 )  # fmt: skip
 _COLUMNS: Final = np.array([SIGNALS.index(name) for name in _NAMES])
+
+
+class GripMemory:
+    """Grip that machines side by side may expect: the inferred one, and less where the lap before had less.
+
+    Attributes:
+        grip: inferred factor on the friction of the known tyres, shape (n,).
+        variance: of its error, shape (n,).
+        expected: grip here and shortly ahead, shape (n,).
+    """
+
+    def __init__(self, vehicle: Superbike, period: float, count: int = 1) -> None:
+        """Prepare for a number of machines.
+
+        Args:
+            vehicle: the machine as its rider knows it.
+            period: control period, s.
+            count: number of machines.
+        """
+        self._tyres = vehicle.machine["rear_tyre"], vehicle.machine["front_tyre"]
+        self._weight, self._period = vehicle.mass * vehicle.g, period
+        self.grip, self.variance, self.expected = np.ones(count), np.full(count, FIRST_ERROR**2), np.ones(count)
+        self._part, self._parts = np.full(count, -1), np.ones(count, dtype=np.int64)
+        self._lap: FloatArray = np.full((count, 1), np.inf)
+        self._state: FloatArray = np.full((count, len(STATE)), np.nan)
+
+    def begin(self, row: int, line: Course) -> None:
+        """Begin a ride of a closed line, knowing nothing of its grip."""
+        parts = max(1, round(line.length / BIN))
+        if parts > self._lap.shape[1]:
+            more = np.full((len(self._lap), parts - self._lap.shape[1]), np.inf)
+            self._lap = np.concatenate((self._lap, more), axis=1)
+        self.grip[row], self.variance[row], self.expected[row] = 1.0, FIRST_ERROR**2, 1.0
+        self._lap[row], self._part[row], self._parts[row], self._state[row] = np.inf, -1, parts, np.nan
+
+    def update(self, rows: VehicleRows) -> FloatArray:
+        """Take in a control period and return the expected grip, shape (n,); the same again for the same rows."""
+        seen = np.nan_to_num(rows.look[:, [PROGRESS, SPEED]])
+        fresh = (rows.state != self._state).any(axis=1)
+        self._state = rows.state.copy()
+        wander = np.where(fresh, WANDERING * np.abs(seen[:, 1]) * self._period / 100.0, 0.0)
+        np.minimum(self.variance + wander, FIRST_ERROR**2, out=self.variance)
+        signals = np.nan_to_num(rows.signals)[:, _COLUMNS]
+        _update(signals, fresh, self.grip, self.variance, self._weight, *self._tyres)
+        self.expected = self.ahead(seen[:, 0])
+        return self.expected
+
+    def ahead(self, progress: FloatArray) -> FloatArray:
+        """Return the grip here and shortly ahead, shape (n,), and remember it for the next lap.
+
+        Args:
+            progress: along the lines, m, shape (n,).
+        """
+        grip, every = self.grip, np.arange(len(progress))
+        part = np.asarray(progress / BIN).astype(np.int64) % self._parts
+        entered = part != self._part
+        self._lap[every, part] = np.where(entered, grip, np.minimum(grip, self._lap[every, part]))
+        self._part = part
+        ahead = (part[:, None] + np.arange(1, AHEAD + 1)) % self._parts[:, None]
+        return np.minimum(grip, self._lap[every[:, None], ahead].min(axis=1))
+
+    def state_dict(self) -> dict[str, FloatArray]:
+        """Return all of it, as arrays."""
+        return {name: getattr(self, name).copy() for name in _STORED}
+
+    def restore(self, stored: Mapping[str, FloatArray]) -> None:
+        """Continue from what :meth:`state_dict` returned, after each row has begun again."""
+        for name in _STORED:
+            setattr(self, name, stored[name].copy())
 
 
 class GripPlans:
@@ -80,19 +147,18 @@ class GripPlans:
         """
         self._vehicle, self._line, self._settings = vehicle, line, settings
         self._plans = {1.0: known}
-        self.parts = max(1, round(line.length / BIN))
 
     def solve(self) -> None:
         """Plan for all grips at once, so that a rider in real time need not wait for it, a matter of seconds."""
-        for grip in SOLVED:
+        for grip in GRIPS:
             self._solved(grip)
 
     def on(self, grip: float) -> LinePlan:
         """Return the plan for a grip that is a multiple of LEVEL, or the nearest to it that there is."""
-        grip = min(max(round(grip, 2), SOLVED[-1]), 1.0)
+        grip = min(max(round(grip, 2), GRIPS[-1]), 1.0)
         if grip not in self._plans:
-            above = min(known for known in SOLVED if known > grip)
-            below = max(known for known in SOLVED if known <= grip)
+            above = min(known for known in GRIPS if known > grip)
+            below = max(known for known in GRIPS if known <= grip)
             high, low = self._solved(above), self._solved(below)
             if grip != below:
                 part = (grip - below) / (above - below)
@@ -102,10 +168,8 @@ class GripPlans:
     def _solved(self, grip: float) -> LinePlan:
         """Return the plan for tyres of so much less friction, nowhere faster than on the known road."""
         if grip not in self._plans:
-            names = ("front_tyre.friction", "rear_tyre.friction")
-            slower = self._vehicle.scaled(dict.fromkeys(names, grip))
             known = self._plans[1.0]
-            plan = plan_line(slower, self._line, self._settings, known.profile.speed[:-1])
+            plan = plan_line(on_grip(self._vehicle, grip), self._line, self._settings, known.profile.speed[:-1])
             self._plans[grip] = plan.with_room_above(known.table[:-1, P_FASTER])
         return self._plans[grip]
 
@@ -115,8 +179,7 @@ class AdaptiveLaw:
 
     Attributes:
         law: that it rides by.
-        grip: inferred factor on the friction of the known tyres, shape (n,).
-        variance: of its error, shape (n,).
+        memory: of the grip.
     """
 
     def __init__(
@@ -132,16 +195,12 @@ class AdaptiveLaw:
             plan: plans a lap of a line on the known road; None for a verified plan.
         """
         plan = plan or (lambda line: verified_plan(vehicle, line, settings, period))
-        self._tyres = vehicle.machine["rear_tyre"], vehicle.machine["front_tyre"]
-        self._weight, self._period = vehicle.mass * vehicle.g, period
-        self.grip, self.variance = np.ones(count), np.full(count, FIRST_ERROR**2)
+        self.memory = GripMemory(vehicle, period, count)
         self.law = LineLaw(vehicle, period, settings, count)
         self._settings, self._limits = settings, envelope(vehicle)
         self._planned = lru_cache(maxsize=KEPT)(lambda line: GripPlans(vehicle, line, settings, plan(line)))
         self._plans: dict[int, GripPlans] = {}
-        self._level, self._part = np.ones(count), np.full(count, -1)
-        self._parts = np.ones(count, dtype=np.int64)
-        self._lap: FloatArray = np.full((count, 1), np.inf)
+        self._level = np.ones(count)
 
     def plans(self, line: Course) -> GripPlans:
         """Return the plans of a line, made once for the same object.
@@ -159,11 +218,8 @@ class AdaptiveLaw:
         """
         plans = self._plans[row] = self._planned(line)
         self.law.begin(row, plans.on(1.0))
-        self.grip[row], self.variance[row] = 1.0, FIRST_ERROR**2
-        if plans.parts > self._lap.shape[1]:
-            more = np.full((len(self._lap), plans.parts - self._lap.shape[1]), np.inf)
-            self._lap = np.concatenate((self._lap, more), axis=1)
-        self._lap[row], self._level[row], self._part[row], self._parts[row] = np.inf, 1.0, -1, plans.parts
+        self.memory.begin(row, line)
+        self._level[row] = 1.0
 
     def commands(self, rows: VehicleRows, step: int = 0, targets: FloatArray | None = None) -> FloatArray:
         """Return steering and throttle in [-1, 1], shape (n, 2); the same ones again for the same rows.
@@ -174,49 +230,34 @@ class AdaptiveLaw:
             targets: see `LineLaw.commands`.
         """
         seen = np.nan_to_num(seen_of(rows.state, rows.look))
-        fresh = (self.law.memory[:, KNOWN] == 0.0) | (self.law.memory[:, :SEEN] != seen).any(axis=1)
-        wander = np.where(fresh, WANDERING * np.abs(seen[:, SPEED]) * self._period / 100.0, 0.0)
-        np.minimum(self.variance + wander, FIRST_ERROR**2, out=self.variance)
-        signals = np.nan_to_num(rows.signals)[:, _COLUMNS]
-        _update(signals, fresh, self.grip, self.variance, self._weight, *self._tyres)
-        expected = self._expected(seen[:, PROGRESS])
+        expected = self.memory.update(rows)
         expected = np.where(expected < 1.0 - 0.5 * LEVEL, expected - RESERVE, expected)
-        level = np.clip(np.round(expected / LEVEL) * LEVEL, SOLVED[-1], 1.0)
+        level = np.clip(np.round(expected / LEVEL) * LEVEL, GRIPS[-1], 1.0)
         for row in np.flatnonzero(level != self._level).tolist():
             self.law.change(row, self._plans[row].on(float(level[row])), seen[row])
         self._level = level
-        return self.law.commands(seen, targets, self._leans(seen[:, SPEED]))
+        return self.law.commands(seen, targets, self._leans(np.nan_to_num(rows.look[:, SPEED])))
 
     def state_dict(self) -> dict[str, FloatArray]:
         """Return what is remembered of the rides, as arrays."""
-        kept = (self.law.memory, self.grip, self.variance, self._level, self._part, self._lap)
-        return {name: values.copy() for name, values in zip(_STORED, kept, strict=True)}
+        return {"law": self.law.memory.copy(), "level": self._level.copy(), **self.memory.state_dict()}
 
     def restore(self, stored: Mapping[str, FloatArray]) -> None:
         """Continue from what :meth:`state_dict` returned, after each row has begun again."""
-        law, self.grip, self.variance, self._level, self._part, self._lap = (stored[name].copy() for name in _STORED)
+        self.memory.restore(stored)
+        self._level = stored["level"].copy()
         for row in np.flatnonzero(self._level != 1.0).tolist():
-            self.law.change(row, self._plans[row].on(float(self._level[row])), law[row, :SEEN])
-        self.law.memory[...] = law
+            self.law.change(row, self._plans[row].on(float(self._level[row])), stored["law"][row, :SEEN])
+        self.law.memory[...] = stored["law"]
 
     def _leans(self, speed: FloatArray) -> FloatArray:
         """Return the largest lean that each machine may request, rad: the one that the grip holds."""
-        grip, leans = self.grip, np.full(len(speed), self._settings.largest_lean)
+        grip, leans = self.memory.grip, np.full(len(speed), self._settings.largest_lean)
         for row in np.flatnonzero(grip < 1.0 - 0.5 * LEVEL):
             most = HELD * grip[row] * float(np.interp(speed[row], self._limits.speeds, self._limits.lateral_max))
             table = self.law.leans
             leans[row] = min(leans[row], float(np.interp(most, table.row(float(speed[row])), table.leans)))
         return leans
-
-    def _expected(self, progress: FloatArray) -> FloatArray:
-        """Return the grip here and shortly ahead, shape (n,), and remember it for the next lap."""
-        grip, every = self.grip, np.arange(len(progress))
-        part = np.asarray(progress / BIN).astype(np.int64) % self._parts
-        entered = part != self._part
-        self._lap[every, part] = np.where(entered, grip, np.minimum(grip, self._lap[every, part]))
-        self._part = part
-        ahead = (part[:, None] + np.arange(1, AHEAD + 1)) % self._parts[:, None]
-        return np.minimum(grip, self._lap[every[:, None], ahead].min(axis=1))
 
 
 @njit(cache=True)

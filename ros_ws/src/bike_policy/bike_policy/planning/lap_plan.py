@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.contract.reference import KEPT, Reference
+from bike_policy.contract.reference import GRIPS, KEPT, Reference
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike.statics import steady_lateral
 from bike_sim.planning.envelope import Envelope, envelope, left_by_turning
@@ -243,12 +243,29 @@ Planner = Callable[[Course], LinePlan]
 """Plans a lap of a closed line."""
 
 
-def references_of(vehicle: Superbike) -> Callable[[Course], Reference]:
-    """Return references of a machine by line, each planned once."""
+def on_grip(vehicle: Superbike, grip: float) -> Superbike:
+    """Return a machine whose tyres have a part of its own friction."""
+    return vehicle.scaled(dict.fromkeys(("front_tyre.friction", "rear_tyre.friction"), grip))
+
+
+def references_of(vehicle: Superbike, adaptive: bool = False) -> Callable[[Course], Reference]:
+    """Return references of a machine by line, each planned once.
+
+    Args:
+        vehicle: the machine.
+        adaptive: whether with the speeds on roads of less grip.
+    """
 
     @lru_cache(maxsize=KEPT)
     def reference(line: Course) -> Reference:
         profile = plan_lap(vehicle, line, REFERENCE)
-        return Reference(float(profile.s[1]), smooth_curvature(profile, REFERENCE.smoothing), profile.speed)
+        found = Reference(float(profile.s[1]), smooth_curvature(profile, REFERENCE.smoothing), profile.speed)
+        if not adaptive:
+            return found
+        cap, slower = profile.speed[:-1], []
+        for grip in GRIPS[1:]:
+            slower.append(plan_lap(on_grip(vehicle, grip), line, REFERENCE, cap).speed)
+            cap = slower[-1][:-1]
+        return found._replace(slower=np.stack(slower, axis=1))
 
     return reference

@@ -33,7 +33,7 @@ from bike_policy.contract.observation import (
 )
 from bike_policy.contract.reference import OPEN, ReferenceRows
 from bike_policy.planning import line_law as ll
-from bike_policy.planning.grip import AdaptiveLaw
+from bike_policy.planning.grip import FIRST_ERROR, AdaptiveLaw, GripMemory
 from bike_policy.planning.lap_plan import GUIDE, LinePlan, Planner, references_of
 from bike_policy.planning.plan_verification import Rollouts, verified_margin, verified_plan
 from bike_policy.riders.rider import LearnedRider
@@ -106,15 +106,18 @@ class RaceInterface:
         if "guide" in layout.terms and not action.guided:
             raise ValueError(f"layout {layout.name!r} shows the guide's commands, and there is no guide")
         self._layout, self._action, self._max_steer = layout, action, vehicle.max_steer
-        self._planned = references_of(vehicle)
+        adaptive = "grip" in layout.terms
+        self._planned = references_of(vehicle, adaptive)
+        self._grip = GripMemory(vehicle, period, count) if adaptive else None
         self._guide = AdaptiveLaw(vehicle, period, GUIDE, count, plan) if action.guided else None
-        self.references = ReferenceRows(count)
+        self.references = ReferenceRows(count, adaptive)
         self.memory = RideMemory(
             rolls=np.zeros((count, layout.history)),
             steers=np.zeros(count),
             actions=np.zeros((count, 2, 2)),
             guide=np.zeros((count, 4)),
             vehicle=vehicle_descriptor(vehicle),
+            grip=np.ones((count, 3)),
             references=self.references,
         )
 
@@ -143,6 +146,9 @@ class RaceInterface:
         """
         if self._guide is not None:
             self._guide.begin(row, rows, line)
+        if self._grip is not None:
+            self._grip.begin(row, line)
+            self.references.grip[row], self.memory.grip[row] = 1.0, (1.0, 1.0, FIRST_ERROR)
         self.references.begin(row, self._planned(line), self._layout.share if share is None else share, cap)
         memory, state = self.memory, rows.state[row]
         memory.rolls[row], memory.steers[row], memory.actions[row] = state[ROLL], state[STEER], 0.0
@@ -170,6 +176,10 @@ class RaceInterface:
     def commands(self, rows: VehicleRows) -> FloatArray:
         """Return what the actions become in a control period: steering and throttle in [-1, 1], shape (n, 2)."""
         actions = self.memory.actions[:, 0]
+        if self._grip is not None:
+            self.references.grip[:] = self._grip.update(rows)
+            inferred = (self._grip.expected, self._grip.grip, np.sqrt(self._grip.variance))
+            self.memory.grip[:] = np.stack(inferred, axis=1)
         if self._guide is None:
             return self._action.to_commands(actions, self._max_steer, rows.look[:, SPEED])
         targets = self._action.to_targets(actions)

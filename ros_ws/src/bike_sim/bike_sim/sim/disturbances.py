@@ -236,7 +236,8 @@ def load_disturbances(name_or_path: str | Path) -> Disturbances:
     """Load disturbances that come with the package, or from a file.
 
     Args:
-        name_or_path: name of a shipped file, or the path of a YAML file (it ends in ``.yaml`` or ``.yml``).
+        name_or_path: name of a shipped file, the path of a YAML file (it ends in ``.yaml`` or ``.yml``), or
+            ``world:N`` for the Nth random world of superbikes.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -245,6 +246,11 @@ def load_disturbances(name_or_path: str | Path) -> Disturbances:
     text = str(name_or_path)
     if text.endswith((".yaml", ".yml")):
         return read_disturbances(read_text(Path(text), MAX_YAML_SIZE), Path(text).stem)
+    from bike_sim.sim.worlds import world_of  # late: worlds are made of disturbances
+
+    world = world_of(text)
+    if world is not None:
+        return world
     shipped = shipped_disturbances()
     if text not in shipped:
         raise FileNotFoundError(
