@@ -1,8 +1,9 @@
 """Speed of the road over ROS 2: control steps a second in lockstep.
 
-Client and simulator are separate processes that talk over DDS. The rides in process and over ROS take turns in short
-rounds. A ratio is taken in each round, of neighbours in time, and the median of the rounds counts, so that it means
-something on a busy machine. Speeds are those of the best round.
+Client and simulator are separate processes that talk over DDS. The rides in process and over ROS, and two plain rclpy
+nodes that only pass the same messages, take turns in short rounds. A ratio is taken in each round, of neighbours in
+time, and the median of the rounds counts, so that it means something on a busy machine. Speeds are those of the best
+round.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from bench.ros_peer import peers
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
@@ -25,7 +27,7 @@ START: Final = ResetRequest(course="line", speed_range=(5.0, 5.0))
 
 
 def measure(rounds: int = 15, steps: int = 150, time_step: float = 0.005) -> dict[str, float]:
-    """Return control steps a second in process and over ROS, with the same engine in one run.
+    """Return control steps a second in process and over ROS, and of messages alone, with the same engine in one run.
 
     Args:
         rounds: rounds of each.
@@ -34,16 +36,21 @@ def measure(rounds: int = 15, steps: int = 150, time_step: float = 0.005) -> dic
     """
     config = SimulatorConfig(engine="pybullet", time_step=time_step)
     local = Simulator(config)
-    with RosClient(config) as remote:
-        taken = np.array([[_ride(client, steps) for client in (local, remote)] for _ in range(rounds)])
+    taken, alone = [], []
+    with RosClient(config) as remote, peers() as passed:
+        for _ in range(rounds):
+            taken.append([_ride(client, steps) for client in (local, remote)])
+            alone.append(passed(steps))
     local.close()
-    in_process, over_ros = steps / taken.sum(axis=2).min(axis=0)
-    rounds_taken = taken.sum(axis=2)
-    median, p99 = np.percentile(taken[:, 1], [50.0, 99.0])
+    whole = np.sum(taken, axis=2)
+    in_process, over_ros = steps / whole.min(axis=0)
+    median, p99 = np.percentile([ros for _, ros in taken], [50.0, 99.0])
     return {
         "local_control_steps_per_s": float(in_process),
         "ros_control_steps_per_s": float(over_ros),
-        "ros_to_local_ratio": float(np.median(rounds_taken[:, 0] / rounds_taken[:, 1])),
+        "empty_rclpy_round_trips_per_s": steps / min(alone),
+        "ros_to_local_ratio": float(np.median(whole[:, 0] / whole[:, 1])),
+        "ros_to_empty_rclpy_ratio": float(np.median(np.array(alone) / whole[:, 1])),
         "ros_step_median_ms": 1e3 * float(median),
         "ros_step_p99_ms": 1e3 * float(p99),
     }
