@@ -1,7 +1,7 @@
 """Cost of ROS itself: two plain rclpy nodes that pass the messages of a control step, empty, back and forth.
 
-Nothing is simulated, checked or filled in here. `peers` opens the node that asks; the one that answers is this module as
-a program.
+Nothing is simulated, checked or filled in here. `peers` opens the node that asks; the one that answers is this module
+as a program.
 """
 
 from __future__ import annotations
