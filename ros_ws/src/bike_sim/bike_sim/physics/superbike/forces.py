@@ -30,7 +30,7 @@ from bike_sim.physics.superbike.contact import (
 )
 from bike_sim.physics.superbike.drive import DriveOutput, WheelState, drive_and_brake, write_drive_telemetry
 from bike_sim.physics.superbike.records import Attitude, Command, Motion
-from bike_sim.physics.superbike.rider import damper_and_stop, feel_load, slide_force, steering_torque
+from bike_sim.physics.superbike.rider import damper_and_stop, feel_load, slide_force, steady_torque, steering_torque
 from bike_sim.physics.superbike.suspension import (
     chain_load,
     moment_about,
@@ -229,9 +229,8 @@ def acting_at(
     driven = drive_and_brake(command, attitude, rear_spin, front_spin, memory, constants)
     share = feel_load(front.fz, command.lags.feeling, memory, constants)
     turn = dot(motion.omega, axes.ez)
-    steer_torque = steering_torque(
-        command, attitude, motion, turn, front.fx, driven.brake_rate, share, memory, constants
-    )
+    steady = steady_torque(attitude, front.fx, driven.brake_rate, memory, constants)
+    steer_torque = steering_torque(command, attitude, motion, turn, steady, share, memory, constants)
     fork_torque = steer_torque + damper_and_stop(motion.steer, motion.steer_rate, attitude.speed, machine)
     return Acting(
         axes, rear_contact, front_contact, rear_wheel, front_wheel, rear, front, rear_centre, front_centre, attitude,

@@ -110,8 +110,8 @@ def through_arms(first: float, second: float, wanted: float, step: float, left: 
 
 @njit(cache=True)
 def steering_torque(
-    command: Command, attitude: Attitude, motion: Motion, turn: float, front_fx: float, brake_rate: float,
-    load_share: float, memory: Record, constants: Record,
+    command: Command, attitude: Attitude, motion: Motion, turn: float, steady: float, load_share: float,
+    memory: Record, constants: Record,
 ) -> float:  # fmt: skip
     """Advance reference, arms and torso and return the torque on the bars, N m, positive to the left.
 
@@ -120,8 +120,7 @@ def steering_torque(
         attitude: of the machine.
         motion: of its joints.
         turn: rate of the frame about its own upward axis, rad/s.
-        front_fx: force along the front wheel's heading, N.
-        brake_rate: rate of the front brake's force, N/s.
+        steady: torque of :func:`steady_torque`, N m.
         load_share: front load that he feels by that of the standing machine.
         memory: advanced.
         constants: of the machine.
@@ -141,11 +140,7 @@ def steering_torque(
     bound = rider.integral_torque
     memory.integral = min(max(memory.integral + dt * rider.integral_rate * gain * error, -bound), bound)
     wanted = gain * error + hand * rider.rate_time * trail * missing + memory.integral
-    wanted += (
-        hand * effort * aim_rate
-        + rider.throw * acceleration
-        + _steady_torque(attitude, front_fx, brake_rate, memory, constants)
-    )
+    wanted += hand * effort * aim_rate + rider.throw * acceleration + steady
     wanted = min(max(wanted, -rider.torque), rider.torque)
     memory.intent, memory.arms = through_arms(memory.intent, memory.arms, wanted, lags.arms, lags.arms_left)
     unmeant = unmeant_turn(turn, memory.lean_reference, attitude.speed, machine)
@@ -154,8 +149,16 @@ def steering_torque(
 
 
 @njit(cache=True)
-def _steady_torque(attitude: Attitude, front_fx: float, brake_rate: float, memory: Record, constants: Record) -> float:
-    """Return the torque that turning and braking take at this lean, as far ahead as the arms are late, N m."""
+def steady_torque(attitude: Attitude, front_fx: float, brake_rate: float, memory: Record, constants: Record) -> float:
+    """Return the torque that turning and braking take at this lean, as far ahead as the arms are late, N m.
+
+    Args:
+        attitude: of the machine.
+        front_fx: force along the front wheel's heading, N.
+        brake_rate: rate of the front brake's force, N/s.
+        memory: of the ride.
+        constants: of the machine.
+    """
     machine = constants.machine
     late = 2.0 / machine.virtual_rider.arm_frequency
     lean = attitude.camber + late * attitude.roll_rate
