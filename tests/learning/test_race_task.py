@@ -413,4 +413,12 @@ def test_commands_act_as_late_as_each_row_s_world_says():
     acting = np.stack([rides.commands(batch)[:, 1] for _ in range(3)])
     for row, periods in enumerate(late):
         np.testing.assert_array_equal(acting[:, row], [0.5 * (k >= periods) for k in range(3)])
+    for _ in range(50):
+        batch.step(rides.commands(batch))
+    other = task.make_state(12, load_vehicle("panigale_v4r"))
+    for row in range(12):
+        other.begin(row, batch, ResetRequest(course="barcelona"), batch.course(row))
+    other.restore(rides.state_dict()["state"])
+    np.testing.assert_array_equal(other.observe(batch), rides.observe(batch))
+    assert len(np.unique(rides.observe(batch)[:, task.layout.places["grip"]])) > 3
     batch.close()

@@ -177,9 +177,8 @@ class RaceInterface:
         """Return what the actions become in a control period: steering and throttle in [-1, 1], shape (n, 2)."""
         actions = self.memory.actions[:, 0]
         if self._grip is not None:
-            self.references.grip[:] = self._grip.update(rows)
-            inferred = (self._grip.expected, self._grip.grip, np.sqrt(self._grip.variance))
-            self.memory.grip[:] = np.stack(inferred, axis=1)
+            self._grip.update(rows)
+            self._show_grip(self._grip)
         if self._guide is None:
             return self._action.to_commands(actions, self._max_steer, rows.look[:, SPEED])
         targets = self._action.to_targets(actions)
@@ -190,7 +189,8 @@ class RaceInterface:
     def state_dict(self) -> dict[str, Any]:
         """Return the memory, as arrays."""
         law = {} if self._guide is None else self._guide.state_dict()
-        return {name: getattr(self.memory, name).copy() for name in _STORED} | law
+        inferred = {} if self._grip is None else {"inferred": self._grip.state_dict()}
+        return {name: getattr(self.memory, name).copy() for name in _STORED} | law | inferred
 
     def restore(self, stored: Mapping[str, Any]) -> None:
         """Continue from what :meth:`state_dict` returned, after each row has begun again."""
@@ -198,6 +198,15 @@ class RaceInterface:
             getattr(self.memory, name)[...] = stored[name]
         if self._guide is not None:
             self._guide.restore(stored)
+        if self._grip is not None:
+            self._grip.restore(stored["inferred"])
+            self._show_grip(self._grip)
+
+    def _show_grip(self, inferred: GripMemory) -> None:
+        """Plan the reference for the expected grip, and show what is inferred."""
+        self.references.grip[:] = inferred.expected
+        shown = (inferred.expected, inferred.grip, np.sqrt(inferred.variance))
+        self.memory.grip[:] = np.stack(shown, axis=1)
 
 
 _STORED: Final = ("rolls", "steers", "actions")
