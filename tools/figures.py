@@ -35,16 +35,29 @@ PAGES: Final = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 BLOCK: Final = re.compile(r"(<!-- figures: ([^>]+?) -->\n).*?(<!-- /figures -->)", re.DOTALL)
 _SIM: Final = "ros_ws/src/bike_sim/bike_sim"
 _POLICY: Final = "ros_ws/src/bike_policy/bike_policy"
+_SHARED: Final = f":(glob){_SIM}/physics/*.py"
+_SUPERBIKE: Final = (_SHARED, f"{_SIM}/physics/multibody", f"{_SIM}/physics/superbike")
+_CONTRACT: Final = (f"{_POLICY}/contract", f"{_POLICY}/riders/rider.py", f"{_POLICY}/riders/disturbed.py")
 SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
-    "bicycle": (f"{_SIM}/physics", f"{_SIM}/config/vehicles/whipple.yaml"),
-    "superbike": (f"{_SIM}/physics", f"{_SIM}/config/vehicles"),
-    "physics": (f"{_SIM}/physics", f"{_SIM}/config/vehicles"),
-    "courses": (f"{_SIM}/course", f"{_SIM}/config/courses"),
+    "bicycle": (
+        *(_SHARED, f"{_SIM}/physics/multibody", f"{_SIM}/physics/bicycle", f"{_SIM}/config/vehicles/whipple.yaml"),
+        *(f"{_SIM}/sim", f"{_SIM}/course", f"{_SIM}/config/courses"),
+    ),
+    "bicycle_riders": (
+        *(*_CONTRACT, f"{_POLICY}/policies/whipple"),
+        *(f"{_POLICY}/riders/{name}.py" for name in ("lqr", "mpc", "observer", "stanley")),
+    ),
+    "superbike": (*_SUPERBIKE, f":(glob){_SIM}/config/vehicles/*.yaml", f"{_SIM}/sim"),
+    "suspended": (*_SUPERBIKE, f"{_SIM}/config/vehicles"),
     "lines": (f"{_SIM}/course", f"{_SIM}/planning", f"{_SIM}/config/tracks"),
-    "riders": (f"{_POLICY}/riders", f"{_POLICY}/contract", f"{_POLICY}/planning", f"{_POLICY}/policies"),
+    "superbike_riders": (
+        *(*_CONTRACT, f"{_POLICY}/planning", f"{_POLICY}/policies/racer", f"{_POLICY}/policies/generalist"),
+        *(f"{_POLICY}/riders/{name}.py" for name in ("classical", "racing")),
+    ),
     "learning": tuple(f"training/bike_training/{name}" for name in ("tasks", "curricula", "learning", "presets")),
     "ros": (f"{_SIM}/ros", f"{_POLICY}/drive.py"),
 }
+"""Paths of each source, as git takes them."""
 HEAD: Final = ("command", "commit", "date", "machine", "depends")
 
 
@@ -82,10 +95,13 @@ def read_records(name: str) -> list[dict[str, str]]:
 
 
 def changed_sources(head: Mapping[str, str]) -> list[str]:
-    """Return the sources of data that have changed since its commit; none where the history does not reach it."""
+    """Return the sources of data that have changed since its commit; none where the history does not reach it.
+
+    What is not committed yet counts, so that a change and the pages that it makes older are one commit.
+    """
     found = []
     for name in head["depends"].split():
-        words = ["git", "-C", str(ROOT), "log", "-1", "--format=%h", f"{head['commit']}..HEAD", "--", *SOURCES[name]]
+        words = ["git", "-C", str(ROOT), "diff", "--shortstat", head["commit"], "--", *SOURCES[name]]
         done = subprocess.run(words, capture_output=True, text=True, check=False)
         if done.returncode == 0 and done.stdout:
             found.append(name)

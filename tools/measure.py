@@ -1,7 +1,7 @@
 """Make the data of the documents' tables anew: ``make measure``, or ``tools/measure.py [CLASS] [--only NAME]``.
 
-It runs the command in the head of each file of `TABLES` and writes the file with its head. What is no older than its
-sources is left alone, so that the same call goes on where it was stopped.
+It runs the command in the head of each file of `TABLES`, one on each core, and writes the file with its head. What is
+no older than its sources is left alone, so that the same call goes on where it was stopped.
 """
 
 from __future__ import annotations
@@ -9,11 +9,13 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import os
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -224,6 +226,11 @@ def write(name: str, answers: Sequence[tuple[Any, float]]) -> None:
         csv.writer(file, lineterminator="\n").writerows(TABLES[name].rows([found for found, _ in answers]))
 
 
+def measure(name: str) -> None:
+    """Make a data file anew."""
+    write(name, [answer(name, variant) for variant in TABLES[name].variants])
+
+
 def duration(name: str) -> float:
     """Return how long the measurement took last time, s."""
     return float(read_head(DATA / f"{name}.csv").get("duration", "600 s").removesuffix(" s"))
@@ -244,11 +251,17 @@ def main() -> None:
         parser.error(
             f"sources are not committed, so the data would name a commit that it is not of: {dirty.split()[1]}"
         )
-    left = sum(map(duration, names))
-    for name in names:
-        write(name, [answer(name, variant) for variant in TABLES[name].variants])
-        left -= duration(name)
-        print(f"{name} written; about {left / 60:.0f} minutes left", flush=True)
+    waiting = {name: duration(name) for name in sorted(names, key=duration, reverse=True)}
+    cores = os.cpu_count() or 1
+    # Speeds last and alone: what runs beside them would be in them.
+    for group, beside in (([n for n in waiting if n != "speed"], cores), ([n for n in waiting if n == "speed"], 1)):
+        with ThreadPoolExecutor(beside) as pool:
+            runs = {pool.submit(measure, name): name for name in group}
+            for run in as_completed(runs):
+                run.result()
+                del waiting[runs[run]]
+                left = sum(waiting.values()) / 60.0 / cores
+                print(f"{runs[run]} written; about {left:.0f} minutes left", flush=True)
 
 
 if __name__ == "__main__":

@@ -152,7 +152,9 @@ class StateProbe(Witness):
         return f"last episode and step: {[(s.episode, s.step) for s in self.states[-1:]]}; {super().describe()}"
 
     def connected(self) -> bool:
-        return bool(self.states) and self.commands.get_subscription_count() > 0 and self._reset.service_is_ready()
+        # Each service: one that is not there yet drops a call without a word, and the simulator opens them in turn.
+        services = self._reset.service_is_ready() and self._pause.service_is_ready()
+        return bool(self.states) and self.commands.get_subscription_count() > 0 and services
 
     def command(self, state: BikeState, steering: float = 0.0, **changes: Any) -> None:
         """Answer a state, or something near it."""
