@@ -35,6 +35,7 @@ PAGES: Final = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 BLOCK: Final = re.compile(r"(<!-- figures: ([^>]+?) -->\n).*?(<!-- /figures -->)", re.DOTALL)
 _SIM: Final = "ros_ws/src/bike_sim/bike_sim"
 _POLICY: Final = "ros_ws/src/bike_policy/bike_policy"
+_ROLLOUT: Final = "training/bike_training/rollout"
 _SHARED: Final = f":(glob){_SIM}/physics/*.py"
 _SUPERBIKE: Final = (_SHARED, f"{_SIM}/physics/multibody", f"{_SIM}/physics/superbike")
 _CONTRACT: Final = (f"{_POLICY}/contract", f"{_POLICY}/riders/rider.py", f"{_POLICY}/riders/disturbed.py")
@@ -44,7 +45,7 @@ SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
         *(f"{_SIM}/sim", f"{_SIM}/course", f"{_SIM}/config/courses"),
     ),
     "bicycle_riders": (
-        *(*_CONTRACT, f"{_POLICY}/policies/whipple"),
+        *(*_CONTRACT, f"{_POLICY}/policies/whipple", f"{_ROLLOUT}/rollout.py", f"{_ROLLOUT}/evaluation.py"),
         *(f"{_POLICY}/riders/{name}.py" for name in ("lqr", "mpc", "observer", "stanley")),
     ),
     "superbike": (*_SUPERBIKE, f":(glob){_SIM}/config/vehicles/*.yaml", f"{_SIM}/sim"),
@@ -52,6 +53,7 @@ SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
     "lines": (f"{_SIM}/course", f"{_SIM}/planning", f"{_SIM}/config/tracks"),
     "superbike_riders": (
         *(*_CONTRACT, f"{_POLICY}/planning", f"{_POLICY}/policies/racer", f"{_POLICY}/policies/generalist"),
+        f"{_ROLLOUT}/laps.py",
         *(f"{_POLICY}/riders/{name}.py" for name in ("classical", "racing")),
     ),
     "learning": tuple(f"training/bike_training/{name}" for name in ("tasks", "curricula", "learning", "presets")),

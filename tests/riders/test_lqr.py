@@ -70,3 +70,15 @@ def test_rides_the_benchmark_path(speed: float) -> None:
     simulator.close()
     assert ride.completed
     assert ride.figures()["mean_m"] < 0.05
+
+
+def test_a_course_that_ends_elsewhere_is_evaluated_up_to_its_finish() -> None:
+    """The last sample lies where the finish is crossed, 32 m beside the start; its error is no larger than others."""
+    course = load_course("docs/data/paths/uturns_8_m.yaml")
+    simulator = Simulator(COMPILED)
+    request = ResetRequest(course="docs/data/paths/uturns_8_m.yaml", speed_range=(4.0, 4.0))
+    ride = ride_through(simulator, make_rider("lqr"), request, 1.5 * course.length / 4.0)
+    simulator.close()
+    assert ride.completed
+    assert ride.progress[-1] == pytest.approx(course.length)
+    assert ride.figures()["max_m"] < 0.2

@@ -18,7 +18,7 @@ from bike_policy.contract.observation import rows_of
 from bike_policy.riders.rider import Rider
 from bike_sim.course.course import Course
 from bike_sim.course.finish import Finish, up_to_finish
-from bike_sim.physics.state import ROLL, STEER, STEER_RATE
+from bike_sim.physics.state import ROLL, STEER, STEER_RATE, X, Y
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import RANDOM_COURSE, Preview, ResetRequest
 from bike_sim.sim.snapshot import Snapshot
@@ -86,11 +86,11 @@ class RideResult:
         """Collect the record from snapshots; a ride is evaluated up to the finish of an open course."""
         looks = np.array([snapshot.look for snapshot in snapshots])
         states = np.array([snapshot.state for snapshot in snapshots])
-        progress, error, roll, steer, steer_rate = up_to_finish(
+        progress, error, _, _, roll, steer, steer_rate = up_to_finish(
             Finish.of(course),
             looks[:, lk.PROGRESS],
             looks[:, lk.LATERAL_ERROR],
-            *(states[:, place] for place in (ROLL, STEER, STEER_RATE)),
+            *(states[:, place] for place in (X, Y, ROLL, STEER, STEER_RATE)),
         )
         return cls(float(looks[0, lk.SPEED]), completed, progress, error, roll, steer, steer_rate)
 
