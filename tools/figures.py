@@ -172,7 +172,12 @@ def headline(name: str) -> str:
     engines = {row["figure"]: float(row["value"].replace(",", "")) for row in read_records("speed")}
     pairs_ = read_records("racer_pairs")
     racer = [100.0 * float(row["median_excess"]) for row in pairs_]
-    classical = [float(row["excess of closest"].rstrip("%")) for row in read_records("classical_laps")]
+    machines = {row["vehicle"] for row in pairs_}
+    classical = [
+        float(row["excess of closest"].rstrip("%"))
+        for row in read_records("classical_laps")
+        if row["machine"] in machines
+    ]
     lapped = f"{sum(row['whole'] == row['rides'] for row in pairs_)} of {len(pairs_)}"
     own = f"{riders['largest distance']['`whipple`']}, {riders['largest mean distance']['`whipple`']}"
     speeds = f"{modes['`weave_speed_m_s`']}, {modes['`capsize_speed_m_s`']} m/s"

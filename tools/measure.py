@@ -110,7 +110,8 @@ def riders(answers: Sequence[Any]) -> Rows:
     if len(answers) == 1:
         groups = [(each[0]["disturbances"], each) for each in zip(*(r["disturbed"] for r in first), strict=True)]
     rows = [[name, *(RIDDEN.format(**rider) for rider in each)] for name, each in groups]
-    return [["", *(f"{name}: rides; mean, worst mean, largest" for name in names)], *rows]
+    kind = "disturbances" if len(answers) == 1 else "path"
+    return [[kind, *(f"{name}: rides; mean, worst mean, largest" for name in names)], *rows]
 
 
 def races(answers: Sequence[Any]) -> Rows:
