@@ -126,6 +126,18 @@ def speeds(answers: Sequence[Any]) -> Rows:
     return [["figure", "value"], *([f"`{key}`", f"{value:,.4g}"] for key, value in figures.items())]
 
 
+def suspended_laps(answers: Sequence[Any]) -> Rows:
+    """Return laps of machines and circuits, a line for each answer."""
+    pairs = [pair for answer in answers for pair in answer["figures"]["pairs"]]
+    return [list(SUSPENDED_LAPS), *([text.format(**pair) for text in SUSPENDED_LAPS.values()] for pair in pairs)]
+
+
+def suspended_shake(answers: Sequence[Any]) -> Rows:
+    """Return shake and modes of machines, a line for each answer."""
+    found = [answer["figures"] | answer["figures"]["performance"][0] for answer in answers]
+    return [list(SHAKE), *([text.format(**figures) for text in SHAKE.values()] for figures in found)]
+
+
 def bicycles(answers: Sequence[Any]) -> Rows:
     """Return measured bicycles: where they balance themselves, and the largest error of their eigenvalues."""
     keys = ("stable_from_m_s", "stable_to_m_s", "error_1_s")
@@ -169,6 +181,21 @@ ENERGY: Final = {
     "twisting": "{tyres_twisting_j:.0f}", "load": "{tyres_load_j:.0f}", "dampers": "{dampers_j:.0f}",
     "springs": "{springs_j:.0f}", "rider": "{rider_j:.0f}", "stored": "{stored_j:.0f}", "rest": "{rest:.1e}",
 }  # fmt: skip
+SUSPENDED_LAPS: Final = {
+    "machine": "{vehicle}", "circuit": "{course}", "flying lap, s": "{lap_s:.2f}",
+    "closest line, s": "{closest_limit_s:.2f}", "excess of closest": "{closest_excess:.2%}", "falls": "{falls}",
+    "largest distance to the line, m": "{line_error_max_m:.1f}",
+}  # fmt: skip
+SHAKE: Final = {
+    "machine": "{vehicle}", "to 55° with any brake, g": "{shake_g:.3f}",
+    "upright on the brake and in turns without, g": "{shake_steady_g:.3f}",
+    "full drive out of a lean, g": "{shake_drive_g:.3f}", "weave hands off, 1/s": "{weave_real_1_s:.2f}",
+    "wobble hands off, 1/s": "{wobble_real_1_s:.2f}", "weave hands on, 1/s": "{held_weave_real_1_s:.2f}",
+    "wobble hands on, 1/s": "{held_wobble_real_1_s:.2f}", "0 to 100 km/h, s": "{to_100_s:.2f}",
+    "end of a quarter mile, km/h": "{quarter_mile_km_h:.0f}", "top speed, km/h": "{top_km_h:.0f}",
+}  # fmt: skip
+SUSPENDED: Final = [f"{name}_suspended" for name in ("panigale_v4r", "zx10rr", "cbr1000rr_r", "r1", "m1000rr")]
+CIRCUITS: Final = ("barcelona", "cremona", "phillip_island")
 STEPS: Final = ("", "--time-step 0.005", "--engine whipple", "--engine whipple --time-step 0.005")
 TABLES: Final[Mapping[str, Table]] = {
     "bicycle_validation": Table(checks, STEPS),
@@ -183,6 +210,10 @@ TABLES: Final[Mapping[str, Table]] = {
     "gsxr1000_energy": Table(columns("energy", **ENERGY)),
     "measured_bicycles": Table(bicycles),
     "superbike_validation": Table(checks),
+    "suspended_laps": Table(
+        suspended_laps, tuple(f"--vehicle {name} --course {circuit}" for name in SUSPENDED for circuit in CIRCUITS)
+    ),
+    "suspended_shake": Table(suspended_shake, tuple(f"--vehicle {name}" for name in SUSPENDED)),
     "classical_laps": Table(columns("pairs", **LAPS)),
     "racer_pairs": Table(races),
     "racer_100_starts": Table(races),
