@@ -142,12 +142,12 @@ def hills() -> Ground:
 
 
 def test_both_engines_ride_alike() -> None:
-    """Five seconds of turning, driving and braking over hills and bumps in wind: the same place within 1e-9 m."""
+    """Ten seconds of turning, driving and braking over hills and bumps in wind: the same place within 1e-9 m."""
     vehicle, ground = suzuki(), hills()
     engines = [kind(vehicle, 0.002) for kind in (CompiledSuperbikeEngine, BulletSuperbikeEngine)]
     for engine in engines:
         engine.reset(st.upright_state(30.0, vehicle.rF), ground)
-        for k in range(250):
+        for k in range(500):
             engine.advance(0.25 * math.sin(k / 40), 0.2 + 0.4 * math.cos(k / 30), 10, ground)
         assert engine.fall == "none"
     states = [engine.state() for engine in engines]
