@@ -27,10 +27,11 @@ Rows = list[list[Any]]
 
 
 def columns(item: str, **texts: str) -> Callable[[Sequence[Any]], Rows]:
-    """Return what makes a row of each entry of a list of figures, by format strings."""
+    """Return what makes a row of each entry of a list of figures, of all answers, by format strings."""
 
     def rows(answers: Sequence[Any]) -> Rows:
-        entries = [entry | _more(entry, answers[0]["figures"]) for entry in answers[0]["figures"][item]]
+        found = [answer["figures"] for answer in answers]
+        entries = [figures | entry | _more(entry, figures) for figures in found for entry in figures[item]]
         return [list(texts), *([text.format(**entry) for text in texts.values()] for entry in entries)]
 
     return rows
@@ -126,18 +127,6 @@ def speeds(answers: Sequence[Any]) -> Rows:
     return [["figure", "value"], *([f"`{key}`", f"{value:,.4g}"] for key, value in figures.items())]
 
 
-def suspended_laps(answers: Sequence[Any]) -> Rows:
-    """Return laps of machines and circuits, a line for each answer."""
-    pairs = [pair for answer in answers for pair in answer["figures"]["pairs"]]
-    return [list(SUSPENDED_LAPS), *([text.format(**pair) for text in SUSPENDED_LAPS.values()] for pair in pairs)]
-
-
-def suspended_shake(answers: Sequence[Any]) -> Rows:
-    """Return shake and modes of machines, a line for each answer."""
-    found = [answer["figures"] | answer["figures"]["performance"][0] for answer in answers]
-    return [list(SHAKE), *([text.format(**figures) for text in SHAKE.values()] for figures in found)]
-
-
 def bicycles(answers: Sequence[Any]) -> Rows:
     """Return measured bicycles: where they balance themselves, and the largest error of their eigenvalues."""
     keys = ("stable_from_m_s", "stable_to_m_s", "error_1_s")
@@ -211,9 +200,10 @@ TABLES: Final[Mapping[str, Table]] = {
     "measured_bicycles": Table(bicycles),
     "superbike_validation": Table(checks),
     "suspended_laps": Table(
-        suspended_laps, tuple(f"--vehicle {name} --course {circuit}" for name in SUSPENDED for circuit in CIRCUITS)
+        columns("pairs", **SUSPENDED_LAPS),
+        tuple(f"--vehicle {name} --course {circuit}" for name in SUSPENDED for circuit in CIRCUITS),
     ),
-    "suspended_shake": Table(suspended_shake, tuple(f"--vehicle {name}" for name in SUSPENDED)),
+    "suspended_shake": Table(columns("performance", **SHAKE), tuple(f"--vehicle {name}" for name in SUSPENDED)),
     "classical_laps": Table(columns("pairs", **LAPS)),
     "racer_pairs": Table(races),
     "racer_100_starts": Table(races),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -74,9 +76,9 @@ def test_rides_the_benchmark_path(speed: float) -> None:
 
 def test_a_course_that_ends_elsewhere_is_evaluated_up_to_its_finish() -> None:
     """The last sample lies where the finish is crossed, 32 m beside the start; its error is no larger than others."""
-    course = load_course("docs/data/paths/uturns_8_m.yaml")
-    simulator = Simulator(COMPILED)
-    request = ResetRequest(course="docs/data/paths/uturns_8_m.yaml", speed_range=(4.0, 4.0))
+    path = Path(__file__).parents[2] / "docs" / "data" / "paths" / "uturns_8_m.yaml"
+    course, simulator = load_course(path), Simulator(COMPILED)
+    request = ResetRequest(course=str(path), speed_range=(4.0, 4.0))
     ride = ride_through(simulator, make_rider("lqr"), request, 1.5 * course.length / 4.0)
     simulator.close()
     assert ride.completed
