@@ -14,10 +14,11 @@ import pytest
 
 from bike_sim.physics import state as st
 from bike_sim.physics.ground import BUMP_SAMPLES, Ground, flat_ground
-from bike_sim.physics.superbike import magic_formula
+from bike_sim.physics.superbike import equilibrium, magic_formula, statics
 from bike_sim.physics.superbike.bullet import BulletSuperbikeEngine
 from bike_sim.physics.superbike.engine import CompiledSuperbikeEngine
 from bike_sim.physics.superbike.modes import measure_modes
+from bike_sim.schema import SIGNALS
 from bike_sim.validation.published import (
     FOLDER,
     check_published,
@@ -28,7 +29,16 @@ from bike_sim.validation.published import (
     published,
     straight_eigenvalues,
 )
-from bike_sim.validation.superbike import drive_shake, measure_performance, signal, steady_turns
+from bike_sim.validation.superbike import (
+    at_speed,
+    constant,
+    drive_shake,
+    holding,
+    measure_performance,
+    ride,
+    signal,
+    steady_turns,
+)
 from bike_sim.vehicles.files import (
     VARIANTS,
     load_superbike,
@@ -189,6 +199,39 @@ def test_braking_dives_and_a_high_chain_squats() -> None:
     assert travels[None, -0.6][1] < travels[None, 0.0][1] - 0.01
     assert travels[0.50, 0.6][1] > travels[0.36, 0.6][1] + 0.01
     assert abs(travels[0.50, -0.6][1] - travels[None, -0.6][1]) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("lean", "speed", "throttle"),
+    [(0.0, 70.0, None), (30.0, 30.0, None), (50.0, 30.0, None), (0.0, 60.0, -0.3), (0.0, 30.0, 0.5)],
+)
+def test_springs_settle_where_quasi_steady_limits_take_them(lean: float, speed: float, throttle: float | None) -> None:
+    """Travels under the loads of a ride, with squat and dive; in a turn the lean turns as the closed form says."""
+    vehicle = load_superbike("panigale_v4r_suspended")
+    engine = at_speed(CompiledSuperbikeEngine(vehicle, 0.001), speed)
+    if throttle is None:
+        recorded = ride(engine, 6.0, holding(vehicle, speed, lean)).tail(0.5)
+    else:
+        recorded = ride(engine, 1.5, constant(vehicle, lean, throttle)).tail(0.1)
+    told = recorded.telemetry.mean(axis=0)
+    mean = {quantity.name: float(told[signal(quantity.name)]) for quantity in SIGNALS}
+    at = abs(float(recorded.lean.mean()))
+    rear, front = (
+        mean[f"{wheel}_load"] * math.cos(at) + abs(mean[f"{wheel}_force_lat"]) * math.sin(at)
+        for wheel in ("rear", "front")
+    )
+    thrust = mean["rear_force_long"] + mean["front_force_long"]
+    swing, travel = equilibrium.travels(rear, front, thrust, vehicle.machine)
+    assert vehicle.joints is not None
+    assert vehicle.joints.swing_arm is not None
+    shortening = vehicle.joints.swing_arm.strut.compression / vehicle.rear_trim.most
+    assert travel == pytest.approx(mean["fork_travel"], abs=0.004)
+    assert swing * shortening == pytest.approx(mean["shock_travel"], abs=0.0025)
+    if lean > 0.0:
+        lateral = statics.steady_lateral(vehicle, at, float(recorded.speed.mean()))
+        assert lateral == pytest.approx(abs(mean["acceleration_lat"]), rel=3e-3)
+        rigid = statics.steady_lateral(replace(vehicle, joints=None), at, float(recorded.speed.mean()))
+        assert lateral < rigid
 
 
 def test_a_file_without_joints_is_rigid() -> None:

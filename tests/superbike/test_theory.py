@@ -117,8 +117,8 @@ def test_a_heavier_machine_is_slower(circuit: Path) -> None:
     tyres = {name: replace(getattr(DUCATI, name), friction_slope=0.2) for name in ("front_tyre", "rear_tyre")}
     aids = replace(DUCATI.electronics, reference_mass=DUCATI.mass)
     changed = replace(DUCATI, **tyres, electronics=aids)
-    line = load_track(circuit).centre
-    for machine in (changed, load_superbike("panigale_v4r_suspended")):
+    for machine, name in ((changed, circuit), (load_superbike("panigale_v4r_suspended"), "cremona")):
+        line = load_track(name).centre
         light, heavy = (
             lap_limit(envelope(each), line).lap_time for each in (machine, heavier(machine, 1.0 + 10.0 / machine.mass))
         )
@@ -184,7 +184,7 @@ def test_on_a_circle_the_mass_leans_as_in_a_steady_turn(radius: float, share: fl
     path = follow(np.full(64, side / radius), speed, 1.0)
     lean = abs(float(path.lean[0]))
     assert statics.steady_lateral(DUCATI, lean, speed) == pytest.approx(speed**2 / radius, rel=0.01)
-    inside, _ = eq.mass_place(lean, DUCATI.machine)
+    inside, _ = eq.turning_place(lean, DUCATI.machine)
     assert np.sign(path.lean) == pytest.approx(side)
     assert path.distance == pytest.approx(1.0 - inside / radius, rel=1e-4)
     # The same lateral acceleration on a shorter radius: (v s)^2 / (s R) with the stretch s.

@@ -297,7 +297,7 @@ def envelope(vehicle: Superbike) -> Envelope:
         lost = vehicle.motor.shift_time * (drive + drag[:, None, None])
         span = _speeds_by_shift(vehicle, speeds)[:, None, None]
         drive = np.where(drive > 0.0, drive * span / (span + lost), drive)
-    places = np.array([eq.mass_place(at, machine) for at in np.linspace(0.0, 0.5 * math.pi, 91)])
+    places = np.array([eq.turning_place(at, machine) for at in np.linspace(0.0, 0.5 * math.pi, 91)])
     rider = vehicle.virtual_rider
     effort = np.array([max(steering_effort(float(speed), machine)[0], _LEAST_EFFORT) for speed in speeds])
     return Envelope(

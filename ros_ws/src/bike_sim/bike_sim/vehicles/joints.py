@@ -97,7 +97,7 @@ class SwingArm:
         angles = np.linspace(-UNIT_RANGE, UNIT_RANGE, UNIT_SAMPLES)
         pivot, top, bottom = (np.array(p) for p in (self.pivot, self.unit_top, self.unit_bottom))
         if self.rocker is None:
-            return np.array([math.hypot(*(_turned(bottom - pivot, angle) + pivot - top)) for angle in angles])
+            return np.array([math.hypot(*(turned(bottom - pivot, angle) + pivot - top)) for angle in angles])
         axis, near, far = (np.array(p) for p in (self.rocker.pivot, self.rocker.rod_rocker, self.rocker.rod_arm))
         rod, crank = math.hypot(*(far - near)), math.hypot(*(near - axis))
         start = math.atan2(*(near - axis)[::-1])
@@ -105,18 +105,18 @@ class SwingArm:
         side = math.copysign(1.0, math.remainder(start - line, math.tau))  # of two triangles, that of the design pose
         lengths = np.empty(UNIT_SAMPLES)
         for i, angle in enumerate(angles):
-            reach = _turned(far - pivot, angle) + pivot - axis
+            reach = turned(far - pivot, angle) + pivot - axis
             distance = math.hypot(*reach)
             cosine = (distance**2 + crank**2 - rod**2) / (2.0 * distance * crank)
             if not -1.0 < cosine < 1.0:
                 raise ValueError(f"the pull rod does not reach at {math.degrees(angle):.1f} deg of swing arm")
             turn = math.atan2(reach[1], reach[0]) + side * math.acos(cosine) - start
             # a turn from x towards z is about -y
-            lengths[i] = math.hypot(*(_turned(bottom - axis, -turn) + axis - top))
+            lengths[i] = math.hypot(*(turned(bottom - axis, -turn) + axis - top))
         return lengths
 
 
-def _turned(arm: FloatArray, angle: float) -> FloatArray:
+def turned(arm: FloatArray, angle: float) -> FloatArray:
     """Return an arm (x, z) turned about the axis to the left by an angle, rad: what points back rises."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([c * arm[0] + s * arm[1], c * arm[1] - s * arm[0]])

@@ -24,6 +24,7 @@ from bike_sim.vehicles.bicycle import Vehicle, VehicleFile
 from bike_sim.vehicles.joints import Joints, Part
 from bike_sim.vehicles.magic_formula import MagicFormula
 from bike_sim.vehicles.parameters import VehicleError, number, positive, read_record, signed
+from bike_sim.vehicles.trim import TORSO_TRIM, TRIM, TorsoTrim, Trim, trims
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -387,6 +388,31 @@ class Superbike(Vehicle, Sections):
         """Height of the common centre of mass, upright, m."""
         return self.centre_of_mass[1]
 
+    @cached_property
+    def _trims(self) -> tuple[Trim, Trim]:
+        if self.joints is None:
+            return Trim(), Trim()
+        tyres = self.rear_tyre.stiffness, self.front_tyre.stiffness
+        return trims(self, self.joints, tyres, self.mass * self.g * (1.0 - self.com_x / self.w))
+
+    @property
+    def rear_trim(self) -> Trim:
+        """What the rear suspension gives way."""
+        return self._trims[0]
+
+    @property
+    def front_trim(self) -> Trim:
+        """What the front suspension gives way."""
+        return self._trims[1]
+
+    @property
+    def torso_trim(self) -> TorsoTrim:
+        """How the rider's torso rolls."""
+        torso = None if self.joints is None else self.joints.torso
+        if torso is None:
+            return TorsoTrim()
+        return TorsoTrim(torso.part.mass * (torso.part.height - torso.height), torso.stiffness)
+
     @property
     def gear_speeds(self) -> FloatArray:
         """Road speeds at the limiter, upright and without slip, m/s, first gear first."""
@@ -462,6 +488,8 @@ MACHINE: Final = np.dtype(
     [
         *((name, np.float64) for name in ("w", "c", "lam", "g", "rR", "rF", "IRyy", "IFyy", "fall_roll", "max_steer")),
         *((name, np.float64) for name in ("mass", "com_x", "com_height")),
+        *((name, TRIM) for name in ("rear_trim", "front_trim")),
+        ("torso_trim", TORSO_TRIM),
         *((name, TYRE if kind is Tyre else record_of(kind)) for name, kind in get_type_hints(Sections).items()),
     ]
 )

@@ -28,6 +28,10 @@ LATERAL_TOLERANCE: Final = 1e-9
 """Accuracy of the lean of a lateral acceleration, m/s^2."""
 _FORCE_TOLERANCE: Final = 0.1  # N
 _SLIP_TOLERANCE: Final = 1e-6
+_LEAST_COSINE: Final = 0.4
+"""Of the lean beyond which a turn presses a machine no more on its springs."""
+_TRIM_ROUNDS: Final = 3
+"""Rounds in which loads and pose of a machine on springs agree to 1 mm."""
 
 
 class Turn(NamedTuple):
@@ -64,19 +68,125 @@ class Wheels(NamedTuple):
     front_side: float
 
 
+class Pose(NamedTuple):
+    """Where the mass is in the machine's plane, m; see `bike_sim.vehicles.trim`.
+
+    Attributes:
+        x: of the mass ahead of the rear contact.
+        above: of the mass above the centres of the tyres' cross-sections.
+        crown: of these centres above the ground.
+        aside: of the mass towards the lean, by the rider's torso.
+        wheelbase: distance of the contacts.
+    """
+
+    x: float
+    above: float
+    crown: float
+    aside: float
+    wheelbase: float
+
+
 @njit(cache=True)
-def mass_place(lean: float, m: Record) -> tuple[float, float]:
+def _mean_crown(m: Record) -> float:
+    """Return the radius of the tyres' cross-sections below the mass, m."""
+    share = m.com_x / m.w
+    return share * m.front_tyre.crown + (1.0 - share) * m.rear_tyre.crown
+
+
+@njit(cache=True)
+def _travel(force: float, trim: Record) -> float:
+    """Return the travel of a suspension under a generalised force beyond the standing machine's, m or rad."""
+    travel = trim.soft * force
+    if travel > trim.most:
+        return trim.most + (force - trim.most / trim.soft) * trim.hard
+    if travel < trim.least:
+        return trim.least + (force - trim.least / trim.soft) * trim.hard
+    return travel
+
+
+@njit(cache=True)
+def travels(rear: float, front: float, thrust: float, m: Record) -> tuple[float, float]:
+    """Return the angle of the swing arm (rad) and the travel of the fork (m), pressed together, under steady loads.
+
+    Args:
+        rear: load of the wheel in the machine's plane, N.
+        front: the same.
+        thrust: N, negative braking: both tyres in proportion to their loads.
+        m: `Superbike.machine`.
+    """
+    at_rest = m.mass * m.g * m.com_x / m.w
+    more_rear, more_front = rear - (m.mass * m.g - at_rest), front - at_rest
+    drive, brake = max(thrust, 0.0), max(-thrust, 0.0)
+    front_brake = min(max(front / (rear + front), 0.0), 1.0) * brake
+    swing = m.rear_trim.load * more_rear + m.rear_trim.drive * drive + m.rear_trim.brake * (brake - front_brake)
+    return _travel(swing, m.rear_trim), _travel(
+        m.front_trim.load * more_front + m.front_trim.brake * front_brake, m.front_trim
+    )
+
+
+@njit(cache=True)
+def mass_place(lean: float, pose: Pose, m: Record) -> tuple[float, float]:
     """Return how far the mass is inside the line of contacts and how far above the ground, m.
 
     The toroidal tyres move the contacts towards the lean, and the rider hangs off.
     """
-    share = m.com_x / m.w
-    crown = share * m.front_tyre.crown + (1.0 - share) * m.rear_tyre.crown
     slide = m.rider.slide * min(1.0, math.degrees(lean) / m.rider.slide_lean_deg)
-    offset = m.rider.mass * slide / m.mass
+    offset = m.rider.mass * slide / m.mass + pose.aside
     sin_lean, cos_lean = math.sin(lean), math.cos(lean)
-    above = m.com_height - crown
-    return above * sin_lean + offset * cos_lean, crown + above * cos_lean - offset * sin_lean
+    return pose.above * sin_lean + offset * cos_lean, pose.crown + pose.above * cos_lean - offset * sin_lean
+
+
+class Load(NamedTuple):
+    """What acts on a machine in a turn.
+
+    Attributes:
+        pressing: acceleration by which the mass presses on the wheels in the machine's plane, m/s^2.
+        falling: the same square to that plane, towards the lean, m/s^2.
+        upward: force of the ground, N.
+        down: downforce in the machine's plane, N.
+        drag: N.
+        thrust: of the tyres along the road, N, negative braking.
+    """
+
+    pressing: float
+    falling: float
+    upward: float
+    down: float
+    drag: float
+    thrust: float
+
+
+@njit(cache=True)
+def pose_under(load: Load, m: Record) -> Pose:
+    """Return the pose of a machine in a turn: the standing one where it is rigid."""
+    crown = _mean_crown(m)
+    x, above, wheelbase = m.com_x, m.com_height - crown, m.w
+    if m.rear_trim.tyre == 0.0:
+        return Pose(x, above, crown, 0.0, wheelbase)
+    share, weight = m.com_x / m.w, m.mass * m.g
+    standing = share * m.front_trim.tyre * weight * share + (1.0 - share) * m.rear_trim.tyre * weight * (1.0 - share)
+    height = m.com_height
+    total = max(m.mass * load.pressing + load.down, 1.0)
+    for _ in range(_TRIM_ROUNDS):
+        moment = m.mass * load.pressing * x + load.down * m.air.x
+        moment -= load.drag * m.air.height + (load.thrust - load.drag) * height
+        front = min(max(moment / wheelbase, 0.0), total)
+        swing, travel = travels(total - front, front, load.thrust, m)
+        part = front / total
+        pressed = load.upward * (share * m.front_trim.tyre * part + (1.0 - share) * m.rear_trim.tyre * (1.0 - part))
+        x = m.com_x + m.rear_trim.forward * swing + m.front_trim.forward * travel
+        above = m.com_height - crown - m.rear_trim.sink * swing - m.front_trim.sink * travel
+        wheelbase = m.w - m.rear_trim.shorter * swing - m.front_trim.shorter * travel
+        height = above + crown + standing - pressed
+    swayed = m.torso_trim.moment * load.falling / max(m.torso_trim.stiffness - m.torso_trim.moment * load.pressing, 1.0)
+    return Pose(x, above, crown + standing - pressed, m.torso_trim.moment * swayed / m.mass, wheelbase)
+
+
+@njit(cache=True)
+def turning_place(lean: float, m: Record) -> tuple[float, float]:
+    """Return `mass_place` of a turn on level ground without air."""
+    pressing = m.g / max(math.cos(lean), _LEAST_COSINE)
+    return mass_place(lean, pose_under(Load(pressing, 0.0, m.mass * m.g, 0.0, 0.0, 0.0), m), m)
 
 
 @njit(cache=True)
@@ -91,19 +201,21 @@ def steady_lateral(lean: float, speed: float, gravity: float, spread: float, m: 
         m: `Superbike.machine`.
     """
     sin_lean, cos_lean = math.sin(lean), math.cos(lean)
-    y, z = mass_place(lean, m)
-    share = m.com_x / m.w
-    crown = share * m.front_tyre.crown + (1.0 - share) * m.rear_tyre.crown
     momentum = m.motor.crank_momentum
     momentum += m.IRyy * speed / (m.rR - m.rear_tyre.crown * (1.0 - cos_lean))
     momentum += m.IFyy * speed / (m.rF - m.front_tyre.crown * (1.0 - cos_lean))
-    down = 0.5 * m.air.density * m.air.down_area * speed**2
-    pull = m.mass * gravity * y - down * crown * sin_lean
-    linear = m.mass * z + momentum / speed * cos_lean
+    pressure = 0.5 * m.air.density * speed**2
+    down, drag = 0.5 * m.air.density * m.air.down_area * speed**2, pressure * m.air.drag_area
     quadratic = spread * sin_lean * cos_lean / speed**2
-    a = pull / linear
-    for _ in range(20):
-        a = pull / (linear - quadratic * a)
+    a = gravity * math.tan(lean)
+    for i in range(21):
+        upward = m.mass * gravity + down * cos_lean
+        pressing, falling = gravity * cos_lean + a * sin_lean, gravity * sin_lean - a * cos_lean
+        pose = pose_under(Load(pressing, falling, upward, down, drag, drag), m)
+        y, z = mass_place(lean, pose, m)
+        pull = m.mass * gravity * y - down * pose.crown * sin_lean
+        linear = m.mass * z + momentum / speed * cos_lean
+        a = pull / (linear - quadratic * a) if i > 0 else pull / linear
     return a
 
 
@@ -166,21 +278,24 @@ def wheels(turn: Turn, thrust: float, m: Record) -> Wheels:
     pressure = 0.5 * m.air.density * turn.speed**2
     pull, down = pressure * m.air.drag_area, pressure * m.air.down_area
     weight = m.mass * turn.gravity
-    y, z = mass_place(turn.lean, m)
+    pressing = turn.gravity * cos_lean + turn.lateral * sin_lean
+    falling = turn.gravity * sin_lean - turn.lateral * cos_lean
+    pose = pose_under(Load(pressing, falling, weight + down * cos_lean, down, pull, thrust), m)
+    y, z = mass_place(turn.lean, pose, m)
     spin = (m.IRyy / m.rR + m.IFyy / m.rF) * cos_lean
     acceleration = (thrust - pull) / turn.inertia
     front_load = (
-        weight * m.com_x
+        weight * pose.x
         + down * cos_lean * m.air.x
         - pull * m.air.height * cos_lean
         - m.mass * acceleration * z
         - acceleration * spin
-    ) / m.w
+    ) / pose.wheelbase
     # Moments about the vertical through the rear contact: the air holds and the mass pushes on inside of it.
     side = m.mass * turn.lateral + down * sin_lean
-    turned = m.mass * turn.lateral * m.com_x + down * sin_lean * m.air.x
+    turned = m.mass * turn.lateral * pose.x + down * sin_lean * m.air.x
     opposed = pull * (m.air.height - m.rear_tyre.crown) * sin_lean + m.mass * acceleration * y
-    front_side = (turned - opposed) / m.w
+    front_side = (turned - opposed) / pose.wheelbase
     return Wheels(weight + down * cos_lean - front_load, front_load, side - front_side, front_side)
 
 
