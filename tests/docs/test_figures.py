@@ -72,6 +72,8 @@ def test_data_can_be_measured_anew(name: str, check_command: Callable[[str], Non
 def test_rows_of_answers_are_those_of_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is written can be read, with the commit that last changed its sources, and is not out of date."""
     monkeypatch.setattr(measure, "DATA", tmp_path)
+    for module in (figures, measure):  # sources that nobody is at work on
+        monkeypatch.setattr(module, "SOURCES", dict.fromkeys(figures.SOURCES, ("LICENSE",)))
     head = (figures.DATA / "racer_pairs.csv").read_text(encoding="utf-8").partition("vehicle,")[0]
     (tmp_path / "racer_pairs.csv").write_text(head)
     measure.write("racer_pairs", [({"figures": {"races": [{"vehicle": "r1", "best_s": None}]}}, 3.0)])
