@@ -57,6 +57,21 @@ def test_round_trip(bundle, tmp_path):
     assert (loaded.layout, loaded.action, loaded.training) == (bundle.layout, bundle.action, bundle.training)
 
 
+@given(value=st.floats(-1.0, 1.0))
+def test_a_held_action_is_the_answer_to_anything(value):
+    policy = Bundle("test", make_actor(), LEAN_LAYOUT, ActionLayout.steering(math.radians(70)), "whipple", 0.05)
+    held = policy.holding([value])
+    seen = np.random.default_rng(3).normal(size=(5, LEAN_LAYOUT.size)).astype("f4")
+    np.testing.assert_allclose(held.actor.act_batch(seen), value, atol=1e-5)
+    assert (held.layout, held.action) == (policy.layout, policy.action)
+
+
+@pytest.mark.parametrize("action", [[], [0.0, 0.0], [1.5], [math.nan]])
+def test_a_held_action_that_does_not_fit_is_refused(bundle, action):
+    with pytest.raises(ValueError, match=r"has 1 numbers in \[-1, 1\] \(steering_set_value\), got"):
+        bundle.holding(action)
+
+
 def test_fit_names_the_difference(bundle):
     bundle.check_fit("whipple", 0.05)
     with pytest.raises(ValueError, match="panigale"):

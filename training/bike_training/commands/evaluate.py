@@ -197,6 +197,8 @@ def run_races(args: argparse.Namespace) -> dict[str, Any]:
         check_positive("--share", args.share, "")
     rider = args.rider or DEFAULT_RACER
     bundle = load_bundle(rider) if args.subject == SUPERBIKE else None
+    if bundle is not None and args.hold is not None:
+        bundle = bundle.holding(args.hold)
     disturbances = [Disturbances(), *map(load_disturbances, args.disturbances)]
     name = rider if bundle is None else bundle.name
     machines, circuits = (args.vehicle or DEFAULT_SUPERBIKE).split(","), (args.course or CIRCUIT).split(",")

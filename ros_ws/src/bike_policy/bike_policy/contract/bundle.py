@@ -12,7 +12,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any, Final
@@ -157,6 +157,8 @@ ACTOR_FILE: Final = "actor.safetensors"
 CARD_FILE: Final = "card.yaml"
 MAX_ACTOR_SIZE: Final = 64_000_000
 """Largest file of an actor, bytes: 16 million numbers; the shipped one has 19 thousand."""
+LARGEST_HELD: Final = 1.0 - 1e-6
+"""Largest action that a network can hold: its tanh never reaches 1."""
 MAX_PERIOD: Final = 10.0
 """Longest control period, s."""
 _CARD_ENTRIES: Final = ("format", "name", "vehicle", "control_period_s", "layout", "action", "training", "results")
@@ -197,6 +199,25 @@ class Bundle:
                 f"policy {self.name!r}: the actor answers {self.actor.outputs} numbers, its action has "
                 f"{self.action.size}: {', '.join(self.action.names)}"
             )
+
+    def holding(self, action: Sequence[float]) -> Bundle:
+        """Return the policy that holds an action whatever it sees: what is left of this one without learning.
+
+        Args:
+            action: in [-1, 1], one number for each column.
+
+        Raises:
+            ValueError: another number of columns, or a value outside.
+        """
+        values = np.array(action, dtype=np.float64)
+        if values.shape != (self.action.size,) or not (np.abs(values) <= 1.0).all():
+            raise ValueError(
+                f"an action of policy {self.name!r} has {self.action.size} numbers in [-1, 1] "
+                f"({', '.join(self.action.names)}), got {', '.join(f'{value:g}' for value in values)}"
+            )
+        bias = np.arctanh(np.clip(values, -LARGEST_HELD, LARGEST_HELD)).astype(np.float32)
+        actor = Actor([np.zeros((self.action.size, self.layout.size), dtype=np.float32)], [bias])
+        return replace(self, name=f"{self.name} held", actor=actor)
 
     def check_fit(self, vehicle: str, control_period: float) -> None:
         """Check that a simulator is one that this policy was made for.
