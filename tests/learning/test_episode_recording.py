@@ -20,7 +20,6 @@ from bike_sim.physics.state import FIELDS
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import Simulator
 from bike_training.curricula.parts import REFINEMENT, PartsCurriculum
 from bike_training.envs.env import BikeEnv
 from bike_training.envs.vec_env import BatchVecEnv
@@ -76,7 +75,7 @@ def validation(tmp_path_factory) -> Path:
         seed=1, speed_range=RANGES.speed, path_ranges=RANGES.paths, perturb=True, preview=task.preview
     )
     path = tmp_path_factory.mktemp("validation") / "episode.mcap"
-    record_ride(path, actor, task, Simulator(COMPILED), request, Standing(4000, 2, RANGES))
+    record_ride(path, actor, task, COMPILED, request, Standing(4000, 2, RANGES))
     return path
 
 
@@ -133,7 +132,7 @@ def test_a_superbikes_whole_action_is_recorded(tmp_path):
     request = ResetRequest(course="barcelona", speed_range=(40.0, 40.0), progress=200.0)
     config = replace(superbike_config("panigale_v4r"), engine="compiled")
     path = tmp_path / "episode.mcap"
-    record_ride(path, actor, task, Simulator(config), request, Standing(4000, 1, None))
+    record_ride(path, actor, task, config, request, Standing(4000, 1, None))
     steps = messages(path, "/bike/learning/step")
     assert len(steps) == 5
     for step in steps:
@@ -160,17 +159,17 @@ def test_rides_of_the_learner_are_recorded_as_it_learned_from_them(make, config,
     from bike_training.learning.episode_recording import Standing, TrainingRecorder
 
     env, path = make(), tmp_path / "training.mcap"
-    made = 0
-    recorder = TrainingRecorder(env, SHORT, config, lambda: Standing(made, 5, REFINEMENT))
+    recorder = TrainingRecorder(env, SHORT, config)
     seen, rng = [env.reset()], np.random.default_rng(0)
     actions, rewards = [], []
     recorder.record_next(path)
-    for _ in range(5 * SHORT.max_steps):  # the first ride, of two episodes, has begun already
+    for made in range(5 * SHORT.max_steps):  # the first ride, of two episodes, has begun already
         actions.append(rng.uniform(-0.02, 0.02, (2, 1)).astype(np.float32))
         observations, reward, _, _ = env.step(actions[-1])
+        standing = Standing(2 * made, 5, REFINEMENT)
+        recorder.stepped(seen[-1][0], actions[-1][0], lambda standing=standing: standing)
         seen.append(observations)
         rewards.append(reward)
-        made += 2
     recorder.close()
     first, last = 2 * SHORT.max_steps, 4 * SHORT.max_steps
     steps = messages(path, "/bike/learning/step")
@@ -188,7 +187,7 @@ def test_rides_of_the_learner_are_recorded_as_it_learned_from_them(make, config,
     np.testing.assert_array_equal(steps[0].speed_max, [ranges.speed[1] for ranges in sets])
     np.testing.assert_array_equal(steps[0].radius_min, [ranges.paths.radius_min for ranges in sets])
     assert set(steps[0].reward_names) == {"path_linear", "path_peak", "upright"}
-    assert (env.get_attr("watch")[0], len(messages(path, "/bike/episode"))) == (None, 1)
+    assert (recorder.recording, len(messages(path, "/bike/episode"))) == (False, 1)
 
 
 def test_a_run_records_validations_and_rides_of_the_learner_and_learns_the_same(tmp_path):
@@ -243,13 +242,17 @@ def test_a_full_disk_ends_the_recording_and_not_the_learning(size, tmp_path):
 
     task = replace(SHORT, max_steps=400)
     env, path = BatchVecEnv(2, task, RANGES, COMPILED, seed=3), tmp_path / "training.mcap"
-    recorder = TrainingRecorder(env, task, COMPILED, lambda: Standing(0, 1, RANGES))
-    env.reset()
+    recorder, seen, still = TrainingRecorder(env, task, COMPILED), [env.reset()], np.zeros((2, 1), dtype=np.float32)
+
+    def step() -> None:
+        after = env.step(still)[0]
+        recorder.stepped(seen[-1][0], still[0], lambda: Standing(0, 1, RANGES))
+        seen[:] = [after]
 
     def record_one_ride() -> None:
         recorder.record_next(path)
         while not recorder.recording:
-            env.step(np.zeros((2, 1), dtype=np.float32))
+            step()
         recorder.close()
 
     record_one_ride()  # compiles the environment too
@@ -258,12 +261,12 @@ def test_a_full_disk_ends_the_recording_and_not_the_learning(size, tmp_path):
     with small_disk(size), warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", UserWarning)
         for _ in range(2000):  # nobody steers: rides are short, and those after the first are recorded no more
-            env.step(np.zeros((2, 1), dtype=np.float32))
+            step()
     recorder.close()
     told_of_path = [str(warning.message) for warning in told if str(path) in str(warning.message)]
     assert len(told_of_path) == 1
     assert "File too large" in told_of_path[0]
-    assert (env.get_attr("watch")[0], recorder.recording) == (None, False)
+    assert not recorder.recording
     assert path.stat().st_size <= size
     record_one_ride()  # and once there is room again
     assert messages(path, "/bike/episode")
@@ -284,4 +287,4 @@ def test_validation_rides_that_cannot_be_recorded_are_told_of(size, reason, tmp_
         (tmp_path / "folder").write_text("a file is in the way", encoding="utf-8")
     room = nullcontext() if size is None else small_disk(size)
     with room, pytest.warns(UserWarning, match=f"episode.mcap is not recorded further.*{reason}"):
-        record_ride(path, actor, task, Simulator(COMPILED), request, Standing(4000, 2, RANGES))
+        record_ride(path, actor, task, COMPILED, request, Standing(4000, 2, RANGES))

@@ -22,7 +22,6 @@ from bike_sim.recording.definitions import message_type
 from bike_sim.recording.recorder import RideRecorder
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
-from bike_sim.sim.simulator import Simulator
 from bike_training.cli import main
 from bike_training.curricula.parts import PartsCurriculum
 from bike_training.replay import COMMANDS, EXACT, FLAGS, Replay, RideSource, Start, read_rides, ride_again
@@ -49,7 +48,7 @@ def record(path: Path, config: SimulatorConfig) -> Path:
     request = ResetRequest(
         seed=5, speed_range=(4.0, 5.0), path_ranges=RANGES.paths, path_length=150.0, perturb=True, preview=TASK.preview
     )
-    record_ride(path, balancing_actor(), TASK, Simulator(config), request, Standing(100, 1, RANGES))
+    record_ride(path, balancing_actor(), TASK, config, request, Standing(100, 1, RANGES))
     return path
 
 

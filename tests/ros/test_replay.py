@@ -120,19 +120,22 @@ def test_a_ride_of_a_learner_behind_ros_comes_out_the_same(tmp_path: Path) -> No
     env = DummyVecEnv([lambda: BikeEnv("ros", "lean", ranges, CONFIG)])
     env.seed(2)
     try:
-        recorder = TrainingRecorder(env, TASKS["lean"], CONFIG, lambda: Standing(0, 1, ranges))
+        recorder = TrainingRecorder(env, TASKS["lean"], CONFIG)
+        last, still, seen = env.reset()[0], np.zeros((1, 1), dtype=np.float32), []
         recorder.record_next(path)
-        seen = [env.reset()[0]]
-        while recorder.recording or len(seen) == 1:
-            seen.append(env.step(np.zeros((1, 1), dtype=np.float32))[0][0])
+        while recorder.recording or not seen:
+            seen += [last] if recorder.recording else []
+            after = env.step(still)[0][0]
+            recorder.stepped(last, still[0], lambda: Standing(0, 1, ranges))
+            last = after
     finally:
         env.close()
     (recorded,) = read_rides(path)[1]
     replay = ride_again(recorded)
     assert replay.same
-    assert replay.learned == replay.states - 1 == len(seen) - 1 > 20
+    assert replay.learned == replay.states - 1 == len(seen) > 20
     assert recorded.learned is not None
-    np.testing.assert_array_equal(recorded.learned.observation, seen[:-1])
+    np.testing.assert_array_equal(recorded.learned.observation, seen)
 
 
 def test_a_ride_by_the_clock_comes_out_the_same(ros, tmp_path: Path) -> None:

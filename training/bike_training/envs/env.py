@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import gymnasium as gym
 import numpy as np
@@ -26,33 +25,6 @@ from bike_training.envs.clients import Client, make_client
 from bike_training.tasks.base import Task, sum_of
 from bike_training.tasks.path import TASKS
 from bike_training.tasks.race import RaceTask
-
-
-class RideWatch(Protocol):
-    """Follows the rides of one vehicle while it learns.
-
-    Environments have none unless they are given one, and then do nothing for it.
-    """
-
-    def begun(self, request: ResetRequest) -> None:
-        """Take note that a ride begins; the one before is over."""
-        ...
-
-    def stepped(
-        self,
-        observation: NDArray[np.float32],
-        action: NDArray[np.floating],
-        states: Sequence[NDArray[np.float64]],
-    ) -> None:
-        """Take note of a decision.
-
-        Args:
-            observation: of the policy.
-            action: of the policy, in [-1, 1], one number per column of the task's action.
-            states: minimal state at the end of each control period that it was held.
-        """
-        ...
-
 
 CIRCUITS: Final = ("barcelona",)
 """Circuits of races by default."""
@@ -150,11 +122,10 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.rides = self.task.make_state(1, self.client.vehicle)
         self.snapshot: Snapshot | None = None
         self._request = ResetRequest()
-        self.watch: RideWatch | None = None
 
-    def set_watch(self, watch: RideWatch | None) -> None:
-        """Set the watcher that is notified of the rides, or None."""
-        self.watch = watch
+    def request(self) -> ResetRequest:
+        """Return the request of the present ride."""
+        return self._request
 
     def set_episodes(self, episodes: Episodes) -> None:
         """Draw new episodes from elsewhere from now on."""
@@ -181,8 +152,6 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self.rides.begin(0, rows_of(self.snapshot), request, self.client.course)
             self._request = request
             self._full_episodes = 0
-            if self.watch is not None:
-                self.watch.begun(request)
         assert self.snapshot is not None
         return self.rides.observe(rows_of(self.snapshot))[0], self._info(self.snapshot)
 
@@ -191,8 +160,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         before = self.snapshot
         if before is None:
             raise RuntimeError("call reset before step")
-        row, states = rows_of(before), []
-        observation = None if self.watch is None else self.rides.observe(row)[0]
+        row = rows_of(before)
         self.rides.act(row, np.asarray(action)[None])
         snapshot = before
         for _ in range(self.task.repeat):
@@ -201,9 +169,6 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             snapshot = self.client.step(*self.rides.commands(row)[0].tolist())
             row = rows_of(snapshot)
             self.rides.advance(row)
-            states.append(snapshot.state)
-        if self.watch is not None and observation is not None:
-            self.watch.stepped(observation, action, states)
         self.snapshot = snapshot
         self._steps += 1
         terms, failed = self.rides.evaluate(row)

@@ -15,7 +15,7 @@ from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training.curricula.base import Episodes
-from bike_training.envs.env import RideWatch, task_spaces
+from bike_training.envs.env import task_spaces
 from bike_training.tasks.base import Task, batch_of, sum_of
 
 
@@ -55,10 +55,7 @@ class BatchVecEnv(VecEnv):
     Attributes:
         task: to be learned.
         batch: of vehicles.
-        watch: is notified of the rides of the first vehicle; None for no watcher.
     """
-
-    watch: RideWatch | None = None
 
     def __init__(
         self,
@@ -95,9 +92,9 @@ class BatchVecEnv(VecEnv):
         """Draw new episodes from elsewhere from now on."""
         self.episodes = episodes
 
-    def set_watch(self, watch: RideWatch | None) -> None:
-        """Set the watcher that is notified of the rides of the first vehicle, or None."""
-        self.watch = watch
+    def request(self) -> ResetRequest:
+        """Return the request of the present ride of the first vehicle."""
+        return self._requests[0]
 
     def state_dict(self) -> dict[str, Any] | None:
         """Return all that :meth:`restore` needs, as plain values and arrays; None where rides cannot be continued."""
@@ -115,7 +112,7 @@ class BatchVecEnv(VecEnv):
         }
 
     def restore(self, stored: dict[str, Any]) -> None:
-        """Continue with the episodes that :meth:`state_dict` was taken of, bit for bit, without a watcher.
+        """Continue with the episodes that :meth:`state_dict` was taken of, bit for bit.
 
         Raises:
             ValueError: episodes of another number of vehicles, or of rides that cannot be continued.
@@ -148,8 +145,6 @@ class BatchVecEnv(VecEnv):
         self.batch.reset(index, request)
         self.rides.begin(index, self.batch, request, self.batch.course(index))
         self._requests[index] = request
-        if index == 0 and self.watch is not None:
-            self.watch.begun(request)
         self.steps[index] = 0
         self.full_episodes[index] = 0
         self.returns[index] = 0.0
@@ -165,16 +160,10 @@ class BatchVecEnv(VecEnv):
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Step every vehicle; rides that ended have started again in the returned observations."""
-        watched = None if self.watch is None else self.rides.observe(self.batch)[0]
         self.rides.act(self.batch, self._actions)
-        states = []
         for _ in range(self.task.repeat):
             self.batch.step(self.rides.commands(self.batch))
             self.rides.advance(self.batch)
-            if watched is not None:
-                states.append(self.batch.state[0].copy())
-        if watched is not None and self.watch is not None:
-            self.watch.stepped(watched, self._actions[0].astype(np.float64), states)
         self.steps += 1
         terms, terminated = self.rides.evaluate(self.batch)
         rewards = sum_of(terms).astype(np.float32)

@@ -9,8 +9,8 @@ from __future__ import annotations
 import json
 import warnings
 from array import array
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final
@@ -91,14 +91,14 @@ class EpisodeWriter:
     """
 
     def __init__(
-        self, path: Path, task: Task, simulator: Simulator, request: ResetRequest, full_episode: int, rider: str
+        self, path: Path, task: Task, config: SimulatorConfig, request: ResetRequest, full_episode: int, rider: str
     ) -> None:
         """Begin the ride and its recording.
 
         Args:
             path: recording, ``.mcap``.
             task: task to learn.
-            simulator: that it is ridden in.
+            config: of the simulator that it is ridden in.
             request: of the ride.
             full_episode: steps after which an episode of learning is truncated.
             rider: the rider, for the notes.
@@ -106,14 +106,20 @@ class EpisodeWriter:
         Raises:
             OSError: the disk refuses the recording; it is closed then. `step` and `close` raise it too.
         """
-        self._task, self._simulator, self._full_episode = task, simulator, full_episode
+        self._task, self._full_episode = task, full_episode
         self._episode, self._episode_step = 1, 0
-        self.snapshot = simulator.reset(request)
         self.failed = False
+        with ExitStack() as opened:
+            self._simulator = opened.enter_context(closing(Simulator(config)))
+            self._begin(path, request, rider)
+            self._opened = opened.pop_all()
+
+    def _begin(self, path: Path, request: ResetRequest, rider: str) -> None:
+        task, simulator, config = self._task, self._simulator, self._simulator.config
+        self.snapshot = simulator.reset(request)
         assert simulator.course is not None
         self._rides = task.make_state(1, simulator.vehicle)
         self._rides.begin(0, rows_of(self.snapshot), request, simulator.course)
-        config = simulator.config
         self._facts = messages.Episode.of(simulator.vehicle, simulator.course, request.preview, config.control_period)
         self._open(path, {"rider": rider, "layout": task.layout.name, "task": json.dumps(task.to_card())})
         number, stamp = self.snapshot.episode, self._stamp_of(self.snapshot)
@@ -192,7 +198,8 @@ class EpisodeWriter:
             self._write("events", messages.event_to_message(event, snapshot, stamp), stamp)
 
     def close(self) -> None:
-        """Finish the file."""
+        """Finish the file and release the simulator."""
+        self._opened.close()
         self._recorder.close()
 
     def _learned(
@@ -238,7 +245,7 @@ class EpisodeWriter:
 
 
 def record_ride(
-    path: Path, actor: Actor, task: Task, simulator: Simulator, request: ResetRequest, standing: Standing
+    path: Path, actor: Actor, task: Task, config: SimulatorConfig, request: ResetRequest, standing: Standing
 ) -> None:
     """Ride a validation ride once more and record it; a disk that refuses it ends the ride with a warning.
 
@@ -246,13 +253,13 @@ def record_ride(
         path: recording, ``.mcap``.
         actor: policy.
         task: what it sees and answers.
-        simulator: client of the ride.
+        config: of the simulator that it is ridden in.
         request: of the ride.
         standing: progress of learning.
     """
-    steps = round(task.validation_duration / simulator.config.control_period)
+    steps = round(task.validation_duration / config.control_period)
     with _warning_of_disk(path):
-        writer = EpisodeWriter(path, task, simulator, request, steps, "deterministic actor, in validation")
+        writer = EpisodeWriter(path, task, config, request, steps, "deterministic actor, in validation")
         with closing(writer):
             for _ in range(steps // task.repeat):
                 observation = writer.observe()
@@ -265,69 +272,65 @@ def record_ride(
 class TrainingRecorder:
     """Records rides of the learner itself when it is asked to.
 
-    It follows the first bicycle with a simulator of its own, command by command, and holds each state against that of
-    the training: what is recorded is the ride that was learned from.
+    It follows the first bicycle with a simulator of its own, command by command, and holds each observation against
+    that of the training: what is recorded is the ride that was learned from.
     """
 
-    def __init__(self, env: VecEnv, task: Task, config: SimulatorConfig, standing: Callable[[], Standing]) -> None:
-        """Prepare to record.
-
-        Args:
-            env: environments of the training.
-            task: task to learn.
-            config: simulator that rides as they do.
-            standing: tells where learning stands.
-        """
-        self._env, self._task, self._config, self._standing = env, task, config, standing
+    def __init__(self, env: VecEnv, task: Task, config: SimulatorConfig) -> None:
+        """Prepare to record rides of a task in the environments of a training with a simulator that rides alike."""
+        self._env, self._task, self._config = env, task, config
         self._path: Path | None = None
-        self._simulator: Simulator | None = None
+        self._ridden: ResetRequest | None = None
         self._writer: EpisodeWriter | None = None
 
     @property
     def recording(self) -> bool:
-        """Whether a ride is being recorded now."""
+        """Whether a ride is being recorded."""
         return self._writer is not None
 
     def record_next(self, path: Path) -> None:
         """Record the next ride that begins, unless one is being recorded or waited for."""
         if self._path is None:
-            self._path = path
-            self._env.env_method("set_watch", self, indices=0)
-
-    def begun(self, request: ResetRequest) -> None:
-        """Begin to record, or end with the ride that was recorded."""
-        if self.recording or self._path is None:
-            self.close()
-            return
-        self._simulator = Simulator(self._config)
-        with _warning_of_disk(self._path, self.close):
-            self._writer = EpisodeWriter(
-                self._path, self._task, self._simulator, request, self._task.max_steps, "learner, in training"
-            )
+            self._path, self._ridden = path, self._request()
 
     def stepped(
-        self,
-        observation: NDArray[np.float32],
-        action: NDArray[np.floating],
-        states: Sequence[NDArray[np.float64]],
+        self, observation: NDArray[np.float32], action: NDArray[np.floating], standing: Callable[[], Standing]
     ) -> None:
-        """Write a step down; the recording ends with a warning where the simulator leaves the ride of the training."""
-        if self._writer is None or self._path is None:
+        """Take in a decision that the first vehicle has made; the recording ends where it has left that ride.
+
+        Args:
+            observation: of the policy before it.
+            action: of the policy, in [-1, 1].
+            standing: returns the progress of learning before it.
+        """
+        if self._path is None:
             return
         with _warning_of_disk(self._path, self.close):
-            held = self._writer.step(observation, action, self._standing(), False)
-            # A fallen vehicle lies still in a batch; the ride of its own ends there.
-            if any(not np.array_equal(snapshot.state, state) for snapshot, state in zip(held, states, strict=False)):
-                warnings.warn(f"recording {self._path} ends: its ride has left that of the training", stacklevel=2)
+            if self._writer is not None:
+                if not np.array_equal(self._writer.observe(), observation):
+                    warnings.warn(f"recording {self._path} ends: its ride has left that of the training", stacklevel=2)
+                    self.close()
+                    return
+                self._writer.step(observation, action.astype(np.float64), standing(), False)
+            request = self._request()
+            if request is self._ridden:
+                return
+            if self._writer is not None:
                 self.close()
+                return
+            self._ridden, rider = request, "learner, in training"
+            steps = self._task.max_steps
+            self._writer = EpisodeWriter(self._path, self._task, self._config, request, steps, rider)
+
+    def _request(self) -> ResetRequest:
+        """Return the request of the ride of the first vehicle, always the same object."""
+        request: ResetRequest = self._env.env_method("request", indices=0)[0]
+        return request
 
     def close(self) -> None:
-        """Finish a recording that is open, and listen to no more rides."""
-        self._env.env_method("set_watch", None, indices=0)
-        path, writer, simulator = self._path, self._writer, self._simulator
-        self._path = self._writer = self._simulator = None
-        if simulator is not None:
-            simulator.close()
+        """Finish a recording that is open, and wait for none."""
+        path, writer = self._path, self._writer
+        self._path = self._writer = None
         if path is not None and writer is not None:
             with _warning_of_disk(path):
                 writer.close()

@@ -20,7 +20,6 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from bike_policy.contract.bundle import Actor
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.curricula.base import EndedEpisode, Episodes
 from bike_training.curricula.parts import RideRanges
@@ -262,6 +261,9 @@ class LearningProcess(BaseCallback):
         return due and self._may_validate()
 
     def _on_step(self) -> bool:
+        if self._recorder is not None:
+            seen, before = np.asarray(self.model._last_obs)[0], self.num_timesteps - self.env.num_envs
+            self._recorder.stepped(seen, self.locals["actions"][0], lambda: self._standing(before))
         for info in self.locals["infos"]:
             if "episode" in info:
                 episode, failed = info["episode"], not info.get("TimeLimit.truncated", False)
@@ -369,10 +371,9 @@ class LearningProcess(BaseCallback):
 
         path, config = self.out / "episodes" / f"step_{step:09d}.mcap", self.settings.simulator()
         standing = Standing(step, part, RideRanges(request.speed_range, request.path_ranges))
-        with contextlib.closing(Simulator(config)) as simulator:
-            record_ride(path, actor, self.task, simulator, request, standing)
+        record_ride(path, actor, self.task, config, request, standing)
         if self._recorder is None:
-            self._recorder = TrainingRecorder(self.env, self.task, config, self._standing)
+            self._recorder = TrainingRecorder(self.env, self.task, config)
             self._opened.callback(self._recorder.close)
         self._recorder.record_next(path.with_name(f"{path.stem}_training.mcap"))
 
@@ -390,10 +391,10 @@ class LearningProcess(BaseCallback):
         progress.write_tables(self.out, task.error_name)
         self.model.logger.record(f"selection/{task.error_name}", error)
 
-    def _standing(self) -> Standing:
-        """Return where learning stands, for recordings."""
+    def _standing(self, step: int) -> Standing:
+        """Return where learning stands at a learning step, for recordings."""
         from bike_training.learning.episode_recording import Standing
 
-        step, curriculum = self.model.num_timesteps, self.progress.curriculum
+        curriculum = self.progress.curriculum
         episodes = curriculum.episodes(step)
         return Standing(step, curriculum.part, episodes if isinstance(episodes, RideRanges) else None)
