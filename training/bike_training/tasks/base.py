@@ -230,27 +230,17 @@ def batch_of(task: Task, count: int, config: SimulatorConfig, machines: Sequence
     rows = [worlds[row // each % len(worlds)] for row in range(count)] if worlds else None
     batch = Batch(count, config, task.preview, rows, names)
     vehicles = [batch.vehicle] if names is None else [load_vehicle(name) for name in machines]
-    state, period = state_of(task, vehicles, count), config.control_period
-    late = [world.periods(world.command_delay_s, period) for world in rows or ()]
-    return batch, DelayedTaskState(state, late) if any(late) else state
+    late = [world.periods(world.command_delay_s, config.control_period) for world in rows or ()]
+    if len(vehicles) == 1 and not any(late):
+        return batch, task.make_state(count, vehicles[0])
+    return batch, BatchTaskState(task, vehicles[:count], count, late or [0] * count)
 
 
-def state_of(task: Task, vehicles: Sequence[Vehicle], count: int) -> TaskState:
-    """Return the state of a task for rows that take machines in turn.
+class BatchTaskState(TaskState):
+    """State of a task for several machines in turn, whose commands may act late; see `TaskState`."""
 
-    Raises:
-        ValueError: the task is not for one of the machines.
-    """
-    if len(vehicles) == 1:
-        return task.make_state(count, vehicles[0])
-    return MultiVehicleTaskState(task, vehicles[:count], count)
-
-
-class MultiVehicleTaskState(TaskState):
-    """State of a task for several machines in turn."""
-
-    def __init__(self, task: Task, vehicles: Sequence[Vehicle], count: int) -> None:
-        """Prepare the rows of each machine.
+    def __init__(self, task: Task, vehicles: Sequence[Vehicle], count: int, late: Sequence[int]) -> None:
+        """Prepare the rows of each machine, with the delay of each row's commands in control periods.
 
         Raises:
             ValueError: the task is not for one of the machines.
@@ -259,6 +249,8 @@ class MultiVehicleTaskState(TaskState):
         self._parts = [
             task.make_state(len(range(first, count, len(vehicles))), vehicle) for first, vehicle in enumerate(vehicles)
         ]
+        self._late = np.array(late)
+        self._sent = np.zeros((max(late) + 1, count, 2))
 
     def _each(self, rows: VehicleRows) -> Iterator[tuple[TaskState, Rows]]:
         """Return the state of each machine with its rows: views, so that what a batch does is seen."""
@@ -274,93 +266,52 @@ class MultiVehicleTaskState(TaskState):
         return whole
 
     def begin(self, row: int, rows: VehicleRows, request: ResetRequest, course: Course) -> None:
-        """Begin the ride of one machine; see `TaskState`."""
+        """Begin the ride of one machine, straight ahead until the first command acts."""
+        self._sent[:, row] = 0.0
         place, part = divmod(row, self._kinds)
         state, own = list(self._each(rows))[part]
         state.begin(place, own, request, course)
 
     def observe(self, rows: VehicleRows) -> NDArray[np.float32]:
-        """Return the observations; see `TaskState`."""
+        """Return the observations."""
         return self._together(state.observe(own) for state, own in self._each(rows))
 
     def act(self, rows: VehicleRows, actions: NDArray[np.floating]) -> None:
-        """Begin a decision; see `TaskState`."""
+        """Begin a decision."""
         for part, (state, own) in enumerate(self._each(rows)):
             state.act(own, actions[part :: self._kinds])
 
     def commands(self, rows: VehicleRows) -> FloatArray:
-        """Return the commands of a control period; see `TaskState`."""
-        return self._together(state.commands(own) for state, own in self._each(rows))
+        """Return the commands that act in a control period."""
+        self._sent[1:] = self._sent[:-1].copy()
+        self._sent[0] = self._together(state.commands(own) for state, own in self._each(rows))
+        return np.asarray(self._sent[self._late, np.arange(self._count)])
 
     def advance(self, rows: VehicleRows) -> None:
-        """Add a control period; see `TaskState`."""
+        """Add a control period."""
         for state, own in self._each(rows):
             state.advance(own)
 
     def evaluate(self, rows: VehicleRows) -> StepResult:
-        """Return the outcome of the decision; see `TaskState`."""
+        """Return the outcome of the decision."""
         results = [state.evaluate(own) for state, own in self._each(rows)]
         terms = {name: self._together(result.terms[name] for result in results) for name in results[0].terms}
         return StepResult(terms, self._together(result.failed for result in results))
 
     def error(self, rows: VehicleRows) -> FloatArray:
-        """Return the error of each machine at this instant; see `TaskState`."""
+        """Return the error of each machine at this instant."""
         return self._together(state.error(own) for state, own in self._each(rows))
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the memory; see `TaskState`."""
-        return {str(part): state.state_dict() for part, state in enumerate(self._parts)}
+        """Return the memory."""
+        each = {str(part): state.state_dict() for part, state in enumerate(self._parts)}
+        state = each if self._kinds > 1 else each["0"]
+        return {"sent": self._sent.copy(), "state": state} if self._late.any() else state
 
     def restore(self, stored: Mapping[str, Any]) -> None:
-        """Continue from a stored memory; see `TaskState`."""
+        """Continue from a stored memory."""
+        if self._late.any():
+            self._sent[...] = stored["sent"]
+            stored = stored["state"]
         for part, state in enumerate(self._parts):
-            state.restore(stored[str(part)])
-
-
-class DelayedTaskState(TaskState):
-    """State of a task whose commands act late."""
-
-    def __init__(self, state: TaskState, late: Sequence[int]) -> None:
-        """Take a state and the delay of each row in control periods."""
-        self._state, self._late = state, np.array(late)
-        self._sent = np.zeros((max(late) + 1, len(late), 2))
-
-    def begin(self, row: int, rows: VehicleRows, request: ResetRequest, course: Course) -> None:
-        """Begin the ride of one machine, straight ahead until the first command acts; see `TaskState`."""
-        self._sent[:, row] = 0.0
-        self._state.begin(row, rows, request, course)
-
-    def observe(self, rows: VehicleRows) -> NDArray[np.float32]:
-        """Return the observations; see `TaskState`."""
-        return self._state.observe(rows)
-
-    def act(self, rows: VehicleRows, actions: NDArray[np.floating]) -> None:
-        """Begin a decision; see `TaskState`."""
-        self._state.act(rows, actions)
-
-    def commands(self, rows: VehicleRows) -> FloatArray:
-        """Return the commands that act in a control period; see `TaskState`."""
-        self._sent[1:] = self._sent[:-1].copy()
-        self._sent[0] = self._state.commands(rows)
-        return np.asarray(self._sent[self._late, np.arange(len(self._late))])
-
-    def advance(self, rows: VehicleRows) -> None:
-        """Add a control period; see `TaskState`."""
-        self._state.advance(rows)
-
-    def evaluate(self, rows: VehicleRows) -> StepResult:
-        """Return the outcome of the decision; see `TaskState`."""
-        return self._state.evaluate(rows)
-
-    def error(self, rows: VehicleRows) -> FloatArray:
-        """Return the error of each machine at this instant; see `TaskState`."""
-        return self._state.error(rows)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return the memory; see `TaskState`."""
-        return {"sent": self._sent.copy(), "state": self._state.state_dict()}
-
-    def restore(self, stored: Mapping[str, Any]) -> None:
-        """Continue from a stored memory; see `TaskState`."""
-        self._sent[...] = stored["sent"]
-        self._state.restore(stored["state"])
+            state.restore(stored[str(part)] if self._kinds > 1 else stored)

@@ -54,86 +54,34 @@ _REAR_USE, _FRONT_USE = map(SIGNALS.index, ("rear_use", "front_use"))
 _SPEED, _VERTICAL_VELOCITY, _FALL = map(SIGNALS.index, ("speed", "vertical_velocity", "fall"))
 
 
-@dataclass
-class RewardSignals:
-    """Signals of a decision that reward terms are functions of, row by row; rates are integrated over its periods.
+REWARD_TERMS: Final[Mapping[str, Callable[[FloatArray], FloatArray]]] = {
+    **{name: np.positive for name in ("progress", "gain")},
+    **{name: np.negative for name in (
+        "off_track", "wall", "steer_change", "lean_change", "rate_change", "steer_history", "lean_history", "max_lean",
+        "slip_ratio", "slip_angle", "motion", "tyre_use", "line", "overspeed", "effort", "fall", "failure",
+    )},
+    **{name: lambda change: -(change**2) for name in ("steering_change", "throttle_change")},
+}  # fmt: skip
+"""Terms of the reward by name, as functions of a signal of the decision; rates are integrated over its periods.
 
-    Attributes:
-        progress: distance along the followed line, m; negative where the machine heads the wrong way.
-        time_gain: time gained on the planned lap, s.
-        off_track: speed times time with a contact point outside, m.
-        energy: kinetic energy per mass in each control period with a wall touched, m^2/s^2 (Fuchs et al. 2021).
-        line: distance to the line times time, m s.
-        overspeed: speed beyond the one asked, times time, m.
-        lean_excess: lean beyond the largest one, times time, rad s.
-        slip: slip ratios times time, s.
-        slip_angle: slip angles times time, rad s.
-        use: use of the tyres beyond their linear saturation, times time, s.
-        motion: vertical and sideways speed of the machine, times time, m.
-        steer_change: rad.
-        lean_change: rad.
-        rate_change: change of the angular velocity, rad/s.
-        steering_change: change of the action's first column.
-        throttle_change: change of its second column.
-        effort: sum of the squares of the action.
-        steer_history: `history_penalty` times time, in steps of the source, 0.1 s.
-        lean_history: the same of the lean.
-        fell: 1 where the ride is over.
-        failed: 1 where the episode fails for any reason.
-    """
+- ``progress``: distance along the followed line, m; negative where the machine heads the wrong way
+- ``gain``: time gained on the planned lap, s
+- ``off_track``: speed times time with a contact point outside, m
+- ``wall``: kinetic energy per mass in each control period with a wall touched, m^2/s^2 (Fuchs et al. 2021)
+- ``steer_change``, ``lean_change``, ``rate_change``: of the angles (rad) and of the angular velocity (rad/s)
+- ``steer_history``, ``lean_history``: `history_penalty` times time, in steps of the source, 0.1 s
+- ``max_lean``: lean beyond the largest one, times time, rad s
+- ``slip_ratio``, ``slip_angle``: of the tyres times time, s and rad s
+- ``motion``: vertical and sideways speed of the machine, times time, m
+- ``tyre_use``: use of the tyres beyond their linear saturation, times time, s
+- ``line``: distance to the line times time, m s
+- ``overspeed``: speed beyond the one asked, times time, m
+- ``steering_change``, ``throttle_change``: of the columns of the action
+- ``effort``: sum of the squares of the action
+- ``fall``: 1 where the ride is over
+- ``failure``: 1 where the episode fails for any reason
 
-    progress: FloatArray
-    time_gain: FloatArray
-    off_track: FloatArray
-    energy: FloatArray
-    line: FloatArray
-    overspeed: FloatArray
-    lean_excess: FloatArray
-    slip: FloatArray
-    slip_angle: FloatArray
-    use: FloatArray
-    motion: FloatArray
-    steer_change: FloatArray
-    lean_change: FloatArray
-    rate_change: FloatArray
-    steering_change: FloatArray
-    throttle_change: FloatArray
-    effort: FloatArray
-    steer_history: FloatArray
-    lean_history: FloatArray
-    fell: FloatArray
-    failed: FloatArray
-
-    @classmethod
-    def zeros(cls, count: int) -> RewardSignals:
-        """Return the signals of a number of machines at the beginning of a decision."""
-        return cls(**{spec.name: np.zeros(count) for spec in fields(cls)})
-
-
-REWARD_TERMS: Final[Mapping[str, Callable[[RewardSignals], FloatArray]]] = {
-    "progress": lambda s: s.progress,
-    "gain": lambda s: s.time_gain,
-    "off_track": lambda s: -s.off_track,
-    "wall": lambda s: -s.energy,
-    "steer_change": lambda s: -s.steer_change,
-    "lean_change": lambda s: -s.lean_change,
-    "rate_change": lambda s: -s.rate_change,
-    "steer_history": lambda s: -s.steer_history,
-    "lean_history": lambda s: -s.lean_history,
-    "max_lean": lambda s: -s.lean_excess,
-    "slip_ratio": lambda s: -s.slip,
-    "slip_angle": lambda s: -s.slip_angle,
-    "motion": lambda s: -s.motion,
-    "tyre_use": lambda s: -s.use,
-    "line": lambda s: -s.line,
-    "overspeed": lambda s: -s.overspeed,
-    "steering_change": lambda s: -(s.steering_change**2),
-    "throttle_change": lambda s: -(s.throttle_change**2),
-    "effort": lambda s: -s.effort,
-    "fall": lambda s: -s.fell,
-    "failure": lambda s: -s.failed,
-}
-"""Terms of the reward by name; all but progress and gain are at most 0."""
+All but progress and gain are at most 0."""
 
 RACE_WEIGHTS: Final[Mapping[str, float]] = {
     "progress": 0.6,
@@ -301,7 +249,7 @@ class RaceState(TaskState):
         """
         self._task, self._count, self._period = task, count, vehicle.control_period
         self.interface = RaceInterface(task.layout, action or task.action, vehicle, self._period, count)
-        self._signals = RewardSignals.zeros(count)
+        self._signals = self._no_signals()
         self._progress = np.zeros(count)
         self._rate = np.ones(count)
         self._angles = np.zeros((count, 2))
@@ -314,6 +262,10 @@ class RaceState(TaskState):
         self._limits = (task.off_track_time, task.wrong_way_time, task.stalled_time)
         self._over = np.zeros(count, dtype=np.bool_)
         self._expired = np.zeros(count, dtype=np.bool_)
+
+    def _no_signals(self) -> dict[str, FloatArray]:
+        """Return the signals at the beginning of a decision."""
+        return {name: np.zeros(self._count) for name in REWARD_TERMS}
 
     def begin(self, row: int, rows: VehicleRows, request: ResetRequest, course: Course) -> None:
         """Begin the ride of one machine."""
@@ -334,11 +286,11 @@ class RaceState(TaskState):
     def act(self, rows: VehicleRows, actions: NDArray[np.floating]) -> None:
         """Begin a decision."""
         self.interface.act(rows, actions)
-        self._signals = RewardSignals.zeros(self._count)
+        self._signals = self._no_signals()
         now, before = self.interface.memory.actions[:, 0], self.interface.memory.actions[:, 1]
         change = np.abs(now - before)
-        self._signals.steering_change, self._signals.throttle_change = change[:, 0], change[:, 1]
-        self._signals.effort = np.sum(now**2, axis=1)
+        self._signals |= {"steering_change": change[:, 0], "throttle_change": change[:, 1]}
+        self._signals["effort"] = np.sum(now**2, axis=1)
 
     def commands(self, rows: VehicleRows) -> FloatArray:
         """Return the commands of a control period."""
@@ -363,23 +315,23 @@ class RaceState(TaskState):
             counted, gained = (np.where(both_off, np.minimum(part, 0.0), part) for part in (counted, gained))
         use = np.maximum(telemetry[:, _REAR_USE], telemetry[:, _FRONT_USE])
         sideways = speed * np.minimum(np.abs(telemetry[:, _REAR_SLIP_ANGLE]), 1.0)
-        signals.progress += running * counted
-        signals.time_gain += running * gained
-        signals.off_track += running * off * speed * dt
-        signals.line += running * error * dt
-        signals.overspeed += running * np.maximum(0.0, speed - asked) * dt
-        signals.lean_excess += running * np.maximum(0.0, np.abs(rows.state[:, ROLL]) - task.largest_lean) * dt
-        signals.slip += running * _both(telemetry, _REAR_SLIP, _FRONT_SLIP, 1.0) * dt
-        signals.slip_angle += running * _both(telemetry, _REAR_SLIP_ANGLE, _FRONT_SLIP_ANGLE, math.pi) * dt
-        signals.use += running * np.maximum(0.0, use - 1.0) * dt
-        signals.motion += running * (np.abs(telemetry[:, _VERTICAL_VELOCITY]) + sideways) * dt
+        signals["progress"] += running * counted
+        signals["gain"] += running * gained
+        signals["off_track"] += running * off * speed * dt
+        signals["line"] += running * error * dt
+        signals["overspeed"] += running * np.maximum(0.0, speed - asked) * dt
+        signals["max_lean"] += running * np.maximum(0.0, np.abs(rows.state[:, ROLL]) - task.largest_lean) * dt
+        signals["slip_ratio"] += running * _both(telemetry, _REAR_SLIP, _FRONT_SLIP, 1.0) * dt
+        signals["slip_angle"] += running * _both(telemetry, _REAR_SLIP_ANGLE, _FRONT_SLIP_ANGLE, math.pi) * dt
+        signals["tyre_use"] += running * np.maximum(0.0, use - 1.0) * dt
+        signals["motion"] += running * (np.abs(telemetry[:, _VERTICAL_VELOCITY]) + sideways) * dt
         hit = rows.fallen & (telemetry[:, _FALL] == 0.0)
         touched = running & (hit | (rows.circuit[:, lk.WALL_ENERGY] > self._walls))
         self._walls = rows.circuit[:, lk.WALL_ENERGY].copy()
-        signals.energy += touched * 0.5 * telemetry[:, _SPEED] ** 2
+        signals["wall"] += touched * 0.5 * telemetry[:, _SPEED] ** 2
         if self._punishes_swings:
             self._count_swings(rows, running * dt / PUBLISHED_PERIOD)
-        signals.fell += running & rows.fallen
+        signals["fall"] += running & rows.fallen
         for timer, ticking in enumerate((both_off, wrong, speed < STALLED)):
             self._timers[:, timer] = np.where(ticking, self._timers[:, timer] + dt, 0.0)
             self._expired |= self._timers[:, timer] > self._limits[timer] + 1e-9
@@ -390,20 +342,20 @@ class RaceState(TaskState):
         self._past = np.concatenate((rows.state[:, None, [STEER, ROLL]], self._past[:, :-1]), axis=1)
         lag = self._past.shape[1] // 2
         changes = self._past[:, :-1:lag] - self._past[:, lag::lag]
-        self._signals.steer_history += part * history_penalty(changes[:, :, 0])
-        self._signals.lean_history += part * history_penalty(changes[:, :, 1] / LEAN_FACTOR)
+        self._signals["steer_history"] += part * history_penalty(changes[:, :, 0])
+        self._signals["lean_history"] += part * history_penalty(changes[:, :, 1] / LEAN_FACTOR)
 
     def evaluate(self, rows: VehicleRows) -> StepResult:
         """Return the outcome of the decision."""
         signals = self._signals
         angles, omega = rows.state[:, [STEER, ROLL]], _omega(rows)
         change = angles - self._angles
-        signals.steer_change, signals.lean_change = np.abs(change[:, 0]), np.abs(change[:, 1])
-        signals.rate_change = np.sqrt(np.sum((omega - self._omega) ** 2, axis=1))
+        signals |= {"steer_change": np.abs(change[:, 0]), "lean_change": np.abs(change[:, 1])}
+        signals["rate_change"] = np.sqrt(np.sum((omega - self._omega) ** 2, axis=1))
         self._angles, self._omega = angles, omega
         failed = rows.fallen | self._expired
-        signals.failed = failed.astype(np.float64)
-        terms = {name: weight * REWARD_TERMS[name](signals) for name, weight in self._task.weights.items()}
+        signals["failure"] = failed.astype(np.float64)
+        terms = {name: weight * REWARD_TERMS[name](signals[name]) for name, weight in self._task.weights.items()}
         return StepResult(terms, failed)
 
     def error(self, rows: VehicleRows) -> FloatArray:
