@@ -222,10 +222,10 @@ def paper(name: str) -> str:
 
 def command(name: str) -> str:
     """Return summary, options and examples of a command."""
-    from bike_training.commands.declarations import COMMANDS
+    from bike_training.commands.declarations import COMMANDS, CommandParser
 
     declared = COMMANDS[name]
-    parser = declared.parser(name)
+    parser = CommandParser(name)
     formatter = HelpFormatter(parser.prog)
     lines = [f"- {_written(each)}: {_help(formatter, each)}" for each in parser._actions if each.dest != "help"]
     intro = _wrapped(f"{parser.description} Duration: {declared.duration}.", "")

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from bike_training.commands.declarations import COMMANDS
+from bike_training.commands.declarations import COMMANDS, CommandParser
 
 FOR_READERS = {"...", "COMMAND", "\N{HORIZONTAL ELLIPSIS}"}
 
@@ -20,7 +20,7 @@ def check(command: str, complete: bool = True) -> None:
     if (not complete and len(words) == 1) or FOR_READERS & set(words):
         return
     declared = COMMANDS[words[0]]
-    parser = declared.parser(words[0])
+    parser = CommandParser(words[0])
     try:
         args = parser.parse_args(words[1:])
     except ValueError as error:

@@ -80,20 +80,20 @@ def test_options_apply_to_the_subject_or_are_refused_by_name(command, subject, f
     words = SUBJECTS[command][subject]
     args = cli.parse(command, words)
     assert args.subject == subject
-    parser = COMMANDS[command].parser(command)
+    parser = dc.CommandParser(command)
     assert set(parser.options) | {"json", "subject"} == set(vars(args))
-    for option in parser.options.values():
-        if subject in option.defaults or not option.flag.startswith("--") or option.flag in SELECTING:
+    for name, (flag, defaults) in parser.options.items():
+        if subject in defaults or not flag.startswith("--") or flag in SELECTING:
             continue
-        action = next(action for action in parser._actions if action.dest == option.dest)
+        action = next(action for action in parser._actions if action.dest == name)
         given = [] if action.nargs == 0 else [str(next(iter(action.choices))) if action.choices else "1"]
-        if option.flag == "--compare":
+        if flag == "--compare":
             given = ["lqr"]
         before = sorted(tmp_path.iterdir())
-        assert cli.main([command, *words, option.flag, *given]) == 2, option.flag
+        assert cli.main([command, *words, flag, *given]) == 2, flag
         error = capsys.readouterr().err
         assert error.startswith(f"bike {command}: "), error
-        assert option.flag in error
+        assert flag in error
         assert error.count("\n") == 1
         assert sorted(tmp_path.iterdir()) == before
 

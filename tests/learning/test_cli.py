@@ -16,7 +16,7 @@ from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.bundle import Actor, Bundle, load_bundle
 from bike_policy.contract.observation import LEAN_LAYOUT
 from bike_sim.sim.simulator import Simulator
-from bike_training.cli import COMMANDS, main
+from bike_training.cli import COMMANDS, CommandParser, main
 from bike_training.envs.node_process import NodeLost
 from bike_training.learning.run_settings import RunSettings
 from bike_training.progress import progress_bar, status
@@ -51,9 +51,9 @@ def test_help_comes_at_once_and_shows_how_to_use_a_command():
     text = subprocess.run(words, check=True, capture_output=True, text=True).stdout
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 0.6
-    assert text == COMMANDS["analyze"].parser("analyze").format_help()
+    assert text == CommandParser("analyze").format_help()
     for name, command in COMMANDS.items():
-        text = command.parser(name).format_help()
+        text = CommandParser(name).format_help()
         assert "--json" in text
         assert f"duration: {command.duration}\n" in text
         assert "example" in text

@@ -18,10 +18,10 @@ DIRECT = "spdl_barcelona"
 @pytest.mark.parametrize(("name", "vehicle"), [("racer", "r1"), ("generalist", "zx10rr")])
 def test_it_laps_from_all_around_faster_than_the_classical_rider(name: str, vehicle: str) -> None:
     result = ride_races(load_bundle(name), vehicle, "phillip_island", starts=4)
-    assert result.whole == result.rides == 4
-    assert result.off_track == 0.0
-    assert result.line < 0.6
-    assert result.times[0] < ride_races(None, vehicle, "phillip_island", starts=1).times[0]
+    assert result["whole"] == result["rides"] == 4
+    assert result["off_track_s"] == 0.0
+    assert result["line_distance_m"] < 0.6
+    assert result["best_s"] < ride_races(None, vehicle, "phillip_island", starts=1)["best_s"]
 
 
 @pytest.mark.slow
@@ -30,9 +30,9 @@ def test_without_a_guide_it_laps_whole_from_all_around() -> None:
     assert not bundle.action.guided
     assert bundle.training["preset"]["curriculum"]["curriculum"] == "spdl"
     result = ride_races(bundle, "panigale_v4r", "barcelona", starts=4)
-    assert result.whole == result.rides == 4
-    assert result.off_track == 0.0
-    assert result.times[-1] < 1.06 * result.theory
+    assert result["whole"] == result["rides"] == 4
+    assert result["off_track_s"] == 0.0
+    assert result["slowest_s"] < 1.06 * result["theory_s"]
 
 
 @pytest.mark.parametrize("name", RACERS)

@@ -1,114 +1,17 @@
-"""Arguments of commands: which option applies to which subject, and checks that name the option and the value."""
+"""Checks of the arguments of commands, which name the option and the value."""
 
 from __future__ import annotations
 
-import argparse
-import difflib
 import itertools
 import json
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from bike_sim.recording.in_use import claim_folder
-
-
-@dataclass(frozen=True)
-class Option:
-    """An option of a command.
-
-    Attributes:
-        flag: as it is written; the name of a positional argument.
-        dest: its attribute in the parsed arguments.
-        defaults: its default for each subject that it applies to.
-    """
-
-    flag: str
-    dest: str
-    defaults: Mapping[str, Any]
-
-
-class CommandParser(argparse.ArgumentParser):
-    """Parser of a command whose options may apply to some of its subjects only (a bicycle, a superbike, ...).
-
-    All options are None after parsing where they are not given. `resolve` refuses those that do not apply to the
-    subject of a call, and sets the defaults of the others.
-
-    Attributes:
-        subjects: what the command can be about, in words for messages.
-        options: all options, by their attribute in the parsed arguments.
-    """
-
-    def __init__(self, command: str, summary: str, subjects: Sequence[str]) -> None:
-        """Begin a parser.
-
-        Args:
-            command: its name.
-            summary: one line about it.
-            subjects: what the command can be about.
-        """
-        super().__init__(
-            prog=f"bike {command}",
-            description=summary[0].upper() + summary[1:] + ".",
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        self.subjects = tuple(subjects)
-        self.options: dict[str, Option] = {}
-        self.add_argument("--json", action="store_true", help="print one JSON object on standard output, nothing else")
-
-    def option(self, *flags: str, only: str | Sequence[str] = (), default: Any = None, **settings: Any) -> None:
-        """Declare an option.
-
-        Args:
-            flags: as for `argparse.ArgumentParser.add_argument`.
-            only: the subject or subjects that it applies to; all where none is given.
-            default: value where the option is not given; a mapping has one for each subject that it applies to.
-            settings: as for `argparse.ArgumentParser.add_argument`.
-        """
-        subjects = (only,) if isinstance(only, str) else tuple(only) or self.subjects
-        defaults = default if isinstance(default, Mapping) else dict.fromkeys(subjects, default)
-        assert set(defaults) <= set(self.subjects), flags
-        if settings.get("action") == "store_true":
-            defaults = {subject: bool(value) for subject, value in defaults.items()}
-        words = {str(value): None for value in defaults.values() if value not in (None, False, ())}
-        if words and "(default" not in settings["help"]:
-            settings["help"] += f" (default: {' or '.join(words)})"
-        action = self.add_argument(*flags, default=None, **settings)
-        self.options[action.dest] = Option(flags[-1], action.dest, defaults)
-
-    def resolve(self, args: argparse.Namespace, subject: str) -> None:
-        """Refuse given options that do not apply to a subject, and set the defaults of those that are not given.
-
-        Raises:
-            ValueError: an option does not apply.
-        """
-        for name, option in self.options.items():
-            if subject in option.defaults:
-                if getattr(args, name) is None:
-                    setattr(args, name, option.defaults[subject])
-            elif getattr(args, name) is not None:
-                raise ValueError(f"{option.flag} is for {', or '.join(option.defaults)}, and this is {subject}")
-
-    def error(self, message: str) -> NoReturn:
-        """Refuse the command line, with the option that may be meant.
-
-        Raises:
-            ValueError: always.
-        """
-        hint = f"see {self.prog} --help"
-        wrong, _, names = message.partition(" (choose from ")
-        known, word = re.findall(r"[\w-]+", names), wrong.rpartition(" ")[2].strip("'")
-        if "unrecognized" in message:
-            word = next((word for word in message.split() if word.startswith("--")), "").partition("=")[0]
-            known = [option.flag for option in self.options.values()]
-        near = difflib.get_close_matches(word, known, 1)
-        if near:
-            hint = f"did you mean {near[0]}? See {self.prog} --help"
-        raise ValueError(f"{message}; {hint}")
 
 
 def check_positive(option: str, value: float, unit: str, most: float = math.inf) -> None:

@@ -19,7 +19,7 @@ from typing import Any, Final
 import bike_sim
 from bike_sim.documents import alternatives, shorten
 from bike_training import learning_packages
-from bike_training.commands.declarations import COMMANDS, NEED_ROS
+from bike_training.commands.declarations import COMMANDS, NEED_ROS, CommandParser
 from bike_training.envs.node_process import NodeLost
 from bike_training.interruption import SHELL_BASE, interrupt, leave_at_once, signals_handled, signals_noted
 
@@ -122,7 +122,7 @@ def parse(name: str, words: Sequence[str]) -> Namespace:
     if name not in COMMANDS:
         raise ValueError(f"unknown command {name!r}; {alternatives(name, COMMANDS)}")
     command = COMMANDS[name]
-    parser = command.parser(name)
+    parser = CommandParser(name)
     args = parser.parse_args(words)
     args.subject = command.subject(args)
     parser.resolve(args, args.subject)

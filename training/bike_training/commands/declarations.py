@@ -6,17 +6,18 @@ and refusals come at once: functions are loaded when they are called.
 
 from __future__ import annotations
 
-from argparse import BooleanOptionalAction, Namespace
-from collections.abc import Callable, Mapping
+import difflib
+import re
+from argparse import ArgumentParser, BooleanOptionalAction, Namespace, RawDescriptionHelpFormatter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 import yaml
 
 from bike_sim.documents import show
-from bike_training.arguments import CommandParser
 
 _TABLE: Final[Mapping[str, Any]] = yaml.load(
     (resources.files("bike_training") / "commands" / "commands.yaml").read_text(encoding="utf-8"),
@@ -57,43 +58,84 @@ class Command:
     subject: Callable[[Namespace], str]
     options: Mapping[str, Mapping[str, Any]]
 
-    def parser(self, name: str) -> CommandParser:
-        """Return the parser of its arguments, under the name of the command."""
-        parser = CommandParser(name, self.summary, tuple(self.functions))
-        parser.epilog = f"duration: {self.duration}\n\nexamples:\n{self.examples}"
-        for flag, entries in self.options.items():
-            settings = _settings(entries)
-            parser.option(flag, only=entries.get("for", ()), default=_default(entries), **settings)
-        return parser
-
 
 _TYPES: Final = {"int": int, "float": float, "path": Path}
-_BOOLEAN: Final = "boolean"
 
 
-def _settings(entries: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings of an option as `argparse` has them."""
-    settings = {name: value for name, value in entries.items() if name not in ("for", "default")}
-    settings["help"] = settings["help"].replace("{disturbances}", ", ".join(shipped("disturbances")))
-    if "type" in settings:
-        settings["type"] = _TYPES[settings["type"]]
-    if settings.get("action") == _BOOLEAN:
-        settings["action"] = BooleanOptionalAction
-    return settings
+class CommandParser(ArgumentParser):
+    """Parser of a command whose options may apply to some of its subjects only (a bicycle, a superbike, ...).
 
+    All options are None after parsing where they are not given. `resolve` refuses those that do not apply to the
+    subject of a call, and sets the defaults of the others.
 
-def _default(entries: Mapping[str, Any]) -> Any:
-    """Return the default of an option, or its default for each subject that has one of its own."""
+    Attributes:
+        options: flag (name of a positional argument) and default for each subject that it applies to, of each option,
+            by their attribute in the parsed arguments.
+    """
 
-    def plain(value: Any) -> Any:
-        if entries.get("type") == "path" and isinstance(value, str):
-            return Path(value)
-        return tuple(value) if isinstance(value, list) else value
+    def __init__(self, name: str) -> None:
+        """Take the options of a command from its name."""
+        command = COMMANDS[name]
+        super().__init__(
+            prog=f"bike {name}",
+            description=f"{command.summary[0].upper()}{command.summary[1:]}.",
+            epilog=f"duration: {command.duration}\n\nexamples:\n{command.examples}",
+            formatter_class=RawDescriptionHelpFormatter,
+        )
+        self.options: dict[str, tuple[str, dict[str, Any]]] = {}
+        self.add_argument("--json", action="store_true", help="print one JSON object on standard output, nothing else")
+        for flag, entries in command.options.items():
+            self._add(flag, dict(entries), tuple(command.functions))
 
-    default = entries.get("default")
-    if isinstance(default, Mapping):
-        return {subject: plain(value) for subject, value in default.items()}
-    return plain(default)
+    def _add(self, flag: str, settings: dict[str, Any], subjects: Sequence[str]) -> None:
+        """Add an option from its entries in the table; without subjects of its own it applies to all of them."""
+        default, subjects = settings.pop("default", None), settings.pop("for", subjects)
+        defaults = default if isinstance(default, Mapping) else dict.fromkeys(subjects, default)
+        assert set(defaults) <= set(subjects), flag
+        if settings.get("type") == "path":
+            defaults = {subject: value and Path(value) for subject, value in defaults.items()}
+        defaults = {subject: tuple(each) if isinstance(each, list) else each for subject, each in defaults.items()}
+        if settings.get("action") == "store_true":
+            defaults = {subject: bool(value) for subject, value in defaults.items()}
+        words = {str(value): None for value in defaults.values() if value not in (None, False, ())}
+        if words and "(default" not in settings["help"]:
+            settings["help"] += f" (default: {' or '.join(words)})"
+        settings["help"] = settings["help"].replace("{disturbances}", ", ".join(shipped("disturbances")))
+        if "type" in settings:
+            settings["type"] = _TYPES[settings["type"]]
+        if settings.get("action") == "boolean":
+            settings["action"] = BooleanOptionalAction
+        self.options[self.add_argument(flag, default=None, **settings).dest] = flag, defaults
+
+    def resolve(self, args: Namespace, subject: str) -> None:
+        """Refuse given options that do not apply to a subject, and set the defaults of those that are not given.
+
+        Raises:
+            ValueError: an option does not apply.
+        """
+        for name, (flag, defaults) in self.options.items():
+            if subject in defaults:
+                if getattr(args, name) is None:
+                    setattr(args, name, defaults[subject])
+            elif getattr(args, name) is not None:
+                raise ValueError(f"{flag} is for {', or '.join(defaults)}, and this is {subject}")
+
+    def error(self, message: str) -> NoReturn:
+        """Refuse the command line, with the option that may be meant.
+
+        Raises:
+            ValueError: always.
+        """
+        hint = f"see {self.prog} --help"
+        wrong, _, names = message.partition(" (choose from ")
+        known, word = re.findall(r"[\w-]+", names), wrong.rpartition(" ")[2].strip("'")
+        if "unrecognized" in message:
+            word = next((word for word in message.split() if word.startswith("--")), "").partition("=")[0]
+            known = [flag for flag, *_ in self.options.values()]
+        near = difflib.get_close_matches(word, known, 1)
+        if near:
+            hint = f"did you mean {near[0]}? See {self.prog} --help"
+        raise ValueError(f"{message}; {hint}")
 
 
 def shipped(folder: str) -> list[str]:

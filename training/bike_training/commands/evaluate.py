@@ -8,7 +8,6 @@ import itertools
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
 from typing import Any, Final
 
 from bike_analysis.figures.cells import lines_of, table_text
@@ -212,19 +211,19 @@ def run_races(args: argparse.Namespace) -> dict[str, Any]:
         with progress_bar(title, "s", quiet=args.json) as bar:
             chosen = args.starts, args.laps, args.share
             results.append(ride_races(bundle, machine, circuit, *chosen, setter(bar), known))
-    found = [result.figures() for result in results]
     lost = [
-        {"vehicle": each.vehicle, "circuit": each.circuit, "disturbances": each.disturbances, **asdict(ride)}
+        {**{name: each[name] for name in ("vehicle", "circuit", "disturbances")}, **ride}
         for each in results
-        for ride in each.lost
+        for ride in each["lost"]
     ]
+    detail = ("times_s", "finished", "lost")
+    found = [{name: value for name, value in each.items() if name not in detail} for each in results]
     figures = {"policy": name, "races": found, "lost": lost}
     (args.out / "races.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
     with (args.out / "races.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(found[0]))
         writer.writeheader()
         writer.writerows(found)
-    undisturbed = [result for result in results if result.disturbances == "none"]
     if not args.json:
         print(f"Races of {name}")
         print("\n".join(table_text(RACES, found, left=3)))
@@ -235,7 +234,7 @@ def run_races(args: argparse.Namespace) -> dict[str, Any]:
         if len(lost) > LISTED_LOST:
             print(f"and {len(lost) - LISTED_LOST} more lost rides, listed in {args.out / 'races.json'}")
     # Disturbances are there to find out what a rider bears, so falls under them are no failure of the command.
-    ok = all(result.whole == result.rides for result in undisturbed)
+    ok = all(race["whole"] == race["rides"] for race in found if race["disturbances"] == "none")
     return {"schema": "bike.evaluate_races/1", "ok": ok, "figures": figures}
 
 

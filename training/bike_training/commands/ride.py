@@ -32,7 +32,7 @@ from bike_training.arguments import check_positive, check_whole, recording_folde
 from bike_training.commands.analyze import text_of
 from bike_training.commands.declarations import LARGEST_DOMAIN
 from bike_training.progress import progress_bar
-from bike_training.rollout.laps import ALLOWED_EXCESS, pair_figures, ride_laps
+from bike_training.rollout.laps import ALLOWED_EXCESS, ride_laps
 from bike_training.rollout.rollout import time_for
 
 
@@ -213,5 +213,5 @@ def _lap_figures(vehicle: str, circuit: str, args: argparse.Namespace) -> dict[s
             bar.set_postfix_str(f"{snapshot.speed:.0f} m/s, {math.degrees(snapshot.state[3]):+.0f}°", refresh=False)
             bar.update(round(snapshot.progress) - bar.n)
 
-        ride = ride_laps(vehicle, circuit, laps, rider=rider, engine=args.engine, report=report)
-    return pair_figures(ride, laps) | {"wall_s": round(time.monotonic() - began, 1)}
+        figures, _ = ride_laps(vehicle, circuit, laps, rider=rider, engine=args.engine, report=report)
+    return figures | {"wall_s": round(time.monotonic() - began, 1)}

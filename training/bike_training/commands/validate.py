@@ -156,12 +156,11 @@ def bound_checks(names: Sequence[str]) -> Iterator[Check]:
     for seed, vehicle in enumerate(names):
         for lateral in BOLD:
             rider = ClassicalRider(replace(CLASSICAL_SETTINGS, lateral=lateral))
-            ride = ride_laps(vehicle, f"random_circuit:{seed}", 1, rider=rider, engine="compiled")
-            passed = max([passed, *(passing.excess for passing in ride.passings)])
-            unpaid += sum(not passing.repaid for passing in ride.passings)
-            if ride.excess is not None and ride.closest_excess is not None:
-                margin = min(margin, ride.closest_excess)
-                tightest = min(tightest, ride.excess)
+            ride, passings = ride_laps(vehicle, f"random_circuit:{seed}", 1, rider=rider, engine="compiled")
+            passed = max([passed, *(passing.excess for passing in passings)])
+            unpaid += sum(not passing.repaid for passing in passings)
+            if ride["laps"]:
+                margin, tightest = min(margin, ride["closest_excess"]), min(tightest, ride["excess"])
     yield Check("bound_lap_margin", "fastest lap over the closest line's theoretical lap, share", margin, -0.001, 0.06)
     yield Check("bound_line_margin", "fastest lap over its own line's theoretical lap, share", tightest, -0.001, 0.06)
     yield Check("bound_passings_unpaid", "gains on the theoretical lap not lost again", unpaid, 0.0, 0.0)

@@ -42,7 +42,7 @@ from bike_training.reproduce.superbike_results import (
     setting_of,
 )
 from bike_training.rollout.laps import ride_laps
-from bike_training.rollout.races import RaceResult, ride_races
+from bike_training.rollout.races import ride_races
 from bike_training.sweeps.jobs import TrainJob
 from bike_training.tasks.race import RACE_WEIGHTS
 
@@ -182,15 +182,16 @@ def ride(folder: Path, setting: str, seed: int, experiment: SuperbikeExperiment,
     for name, (step, bundle) in actors.items():
         result = ride_races(bundle, MACHINE, circuit, experiment.starts, experiment.laps)
         mean, best = _mean_and_best(result)
-        counts = result.rides, result.whole, result.falls, result.walls, result.finished
-        laps.append((setting, seed, name, step, *counts, mean, best, result.line, result.outside / result.rides))
+        counts = [result[each] for each in ("rides", "whole", "falls", "walls", "finished")]
+        outside = result["outside_s"] / result["rides"]
+        laps.append((setting, seed, name, step, *counts, mean, best, result["line_distance_m"], outside))
         advance()
     transfers: list[Any] = []
     for machine in experiment.machines if "best" in actors else ():
         result = ride_races(actors["best"][1], machine, circuit, experiment.transfer_starts, 1)
-        median = float(np.median(result.times)) if result.times else NONE
+        median = float(np.median(result["times_s"])) if result["times_s"] else NONE
         _, best = _mean_and_best(result)
-        transfers.append((setting, seed, circuit, machine, result.rides, result.whole, best, median))
+        transfers.append((setting, seed, circuit, machine, result["rides"], result["whole"], best, median))
         advance()
     return {
         "laps": laps,
@@ -235,8 +236,9 @@ def deployed(folder: Path, experiment: SuperbikeExperiment) -> dict[str, tuple[i
     return {name: (step, _bundle(name, actor, preset)) for name, (step, actor) in found.items()}
 
 
-def _mean_and_best(result: RaceResult) -> tuple[float, float]:
-    return (float(np.mean(result.times)), min(result.times)) if result.times else (NONE, NONE)
+def _mean_and_best(result: Mapping[str, Any]) -> tuple[float, float]:
+    times = result["times_s"]
+    return (float(np.mean(times)), times[0]) if times else (NONE, NONE)
 
 
 def _bundle(name: str, actor: Actor, preset: Preset) -> Bundle:

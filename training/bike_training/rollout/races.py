@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -40,85 +40,6 @@ TIME: Final = 1.4
 """Longest time of a lap, as a part of the theoretical one."""
 
 
-@dataclass(frozen=True)
-class LostRide:
-    """A ride that was not whole.
-
-    Attributes:
-        start: its number, from 0.
-        cause: name of the fall, ``wall``, ``off track`` or ``slow``.
-        arc_length_m: where along the followed line it fell or first left the track, m; None of a slow ride.
-    """
-
-    start: int
-    cause: str
-    arc_length_m: float | None
-
-
-@dataclass(frozen=True)
-class RaceResult:
-    """Rides of one machine on one circuit.
-
-    Attributes:
-        vehicle: name of the vehicle.
-        circuit: name of the circuit.
-        rides: number of starts.
-        laps: laps that each of them was to finish.
-        whole: rides that finished them with never both contact points outside the limits.
-        falls: rides that ended with a fall.
-        walls: rides that ended at a wall.
-        finished: flying laps that were finished, of all rides.
-        times: of those of whole rides, s, sorted.
-        off_track: time with both contact points outside over all flying laps, s.
-        outside: the same over all of the rides, s.
-        line: mean distance to the followed line, m.
-        activity: mean change of steering and of throttle from one
-            control period to the next.
-        theory: theoretical lap of the closest line, s.
-        lost: rides that were not whole.
-        disturbances: name of what disturbed them.
-    """
-
-    vehicle: str
-    circuit: str
-    rides: int
-    laps: int
-    whole: int
-    falls: int
-    walls: int
-    finished: int
-    times: tuple[float, ...]
-    off_track: float
-    outside: float
-    line: float
-    activity: tuple[float, float]
-    theory: float
-    lost: tuple[LostRide, ...] = ()
-    disturbances: str = "none"
-
-    def figures(self) -> dict[str, Any]:
-        """Return plain values with units in their names."""
-        known = asdict(self)
-        times = self.times
-        best, median = (times[0], float(np.median(times))) if times else (None, None)
-        return {
-            "vehicle": self.vehicle,
-            "circuit": self.circuit,
-            **{name: known[name] for name in ("rides", "laps", "whole", "falls", "walls")},
-            "best_s": best,
-            "median_s": median,
-            "slowest_s": times[-1] if times else None,
-            "theory_s": self.theory,
-            "median_excess": None if median is None else median / self.theory - 1.0,
-            "off_track_s": self.off_track,
-            "outside_s": self.outside,
-            "line_distance_m": self.line,
-            "steering_change": self.activity[0],
-            "throttle_change": self.activity[1],
-            "disturbances": self.disturbances,
-        }
-
-
 def ride_races(
     bundle: Bundle | None,
     vehicle: str,
@@ -128,7 +49,7 @@ def ride_races(
     share: float | None = None,
     report: Report = lambda done, total: None,
     disturbances: Disturbances | None = None,
-) -> RaceResult:
+) -> dict[str, Any]:
     """Ride from starts all around a circuit.
 
     Args:
@@ -141,6 +62,15 @@ def ride_races(
         report: called at times with the simulated time so far and the expected one, s.
         disturbances: of the machine, which the rider knows without them, and delays; a ride is late by the sum of
             both delays.
+
+    Returns:
+        Figures. ``whole`` are the rides that finished their laps with never both contact points outside the limits,
+        ``times_s`` the laps of these, sorted, and ``finished`` counts the flying laps of all rides. ``off_track_s`` is
+        the time with both contact points outside over all flying laps, ``outside_s`` that over all of the rides;
+        ``line_distance_m`` is the mean distance to the followed line, ``steering_change`` and ``throttle_change`` the
+        mean changes from one control period to the next. ``lost`` are the rides that were not whole: number of the
+        start, cause (name of the fall, ``wall``, ``off track`` or ``slow``), and arc length at which it fell or first
+        left the track, m, None of a slow ride.
 
     Raises:
         ValueError: a policy that does not race, a vehicle that is no superbike, a course that is a path, or
@@ -192,26 +122,34 @@ def ride_races(
         _lost(row, batch.fall(row) if fallen[row] else "", float(places[row]), length)
         for row in np.flatnonzero(~whole).tolist()
     ]
-    result = RaceResult(
-        vehicle=batch.vehicle.name,
-        circuit=circuit,
-        rides=starts,
-        laps=laps,
-        whole=int(whole.sum()),
-        falls=sum(end != WALL for end in ends),
-        walls=sum(end == WALL for end in ends),
-        finished=sum(map(len, finished)),
-        times=tuple(sorted(lap.duration for row, done in enumerate(finished) if whole[row] for lap in done)),
-        off_track=float(sum(lap.off_track for done in finished for lap in done)),
-        outside=outside * config.control_period,
-        line=distance / max(1, moments),
-        activity=(float(activity[0]) / max(1, moments), float(activity[1]) / max(1, moments)),
-        theory=theory,
-        lost=tuple(lost),
-        disturbances=known.name,
-    )
+    times = sorted(lap.duration for row, done in enumerate(finished) if whole[row] for lap in done)
+    median = float(np.median(times)) if times else None
+    steering, throttle = (float(change) / max(1, moments) for change in activity)
+    figures = {
+        "vehicle": batch.vehicle.name,
+        "circuit": circuit,
+        "rides": starts,
+        "laps": laps,
+        "whole": int(whole.sum()),
+        "falls": sum(end != WALL for end in ends),
+        "walls": sum(end == WALL for end in ends),
+        "best_s": times[0] if times else None,
+        "median_s": median,
+        "slowest_s": times[-1] if times else None,
+        "theory_s": theory,
+        "median_excess": None if median is None else median / theory - 1.0,
+        "off_track_s": float(sum(lap.off_track for done in finished for lap in done)),
+        "outside_s": outside * config.control_period,
+        "line_distance_m": distance / max(1, moments),
+        "steering_change": steering,
+        "throttle_change": throttle,
+        "disturbances": known.name,
+        "times_s": times,
+        "finished": sum(map(len, finished)),
+        "lost": lost,
+    }
     batch.close()
-    return result
+    return figures
 
 
 def delay_of(disturbances: Disturbances, machine: Superbike) -> int:
@@ -235,11 +173,11 @@ def _rider(bundle: Bundle | None, batch: Batch, share: float | None) -> BatchRid
     return AdaptiveLaw(machine, period, CLASSICAL_SETTINGS, batch.count)
 
 
-def _lost(start: int, fall: str, arc_length: float, length: float) -> LostRide:
+def _lost(start: int, fall: str, arc_length: float, length: float) -> dict[str, Any]:
     """Return a lost ride from its fall, if it fell, and from where it failed, m; NaN where it was only slow."""
-    if math.isnan(arc_length):
-        return LostRide(start, fall or SLOW, None)
-    return LostRide(start, fall or OFF_TRACK, round(arc_length % length, 1))
+    slow = math.isnan(arc_length)
+    place = None if slow else round(arc_length % length, 1)
+    return {"start": start, "cause": fall or (SLOW if slow else OFF_TRACK), "arc_length_m": place}
 
 
 def _finished(batch: Batch) -> np.ndarray:

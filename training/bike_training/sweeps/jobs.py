@@ -32,7 +32,7 @@ from bike_training.arguments import check_whole
 from bike_training.learning import presets
 from bike_training.learning.run_settings import RECORD_ENDS, RunSettings, with_simulator
 from bike_training.learning.run_settings import SUPERBIKE_ENGINES as LEARNING_ENGINES
-from bike_training.rollout.laps import pair_figures, ride_laps
+from bike_training.rollout.laps import ride_laps
 
 if TYPE_CHECKING:
     from bike_training.learning.process import LearningProcess  # needs the learning packages
@@ -239,8 +239,7 @@ class LapJob:
             if snapshot.step % 50 == 0:
                 report(snapshot.progress, length * (laps + 1), "")
 
-        ridden = ride_laps(self.vehicle, self.course, laps, rider=rider, engine=self.engine, report=show_place)
-        figures = pair_figures(ridden, laps)
+        figures, _ = ride_laps(self.vehicle, self.course, laps, rider=rider, engine=self.engine, report=show_place)
         (folder / FIGURES_FILE).write_text(json.dumps(figures), encoding="utf-8")
         return {name: value for name, value in figures.items() if not isinstance(value, list | dict)}, False
 
