@@ -10,7 +10,6 @@ import sys
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.bundle import Actor, Bundle, load_bundle
@@ -19,7 +18,7 @@ from bike_sim.sim.simulator import Simulator
 from bike_training.cli import COMMANDS, CommandParser, main
 from bike_training.envs.node_process import NodeLost
 from bike_training.learning.run_settings import RunSettings
-from bike_training.progress import progress_bar, status
+from bike_training.progress import progress_bar, told_parts
 
 
 @pytest.fixture
@@ -85,9 +84,9 @@ def test_progress_is_one_speed_in_a_terminal_and_few_lines_in_a_log(capfd, monke
     assert "100/100 m" in last
     assert "4.00 m/s" in last
     assert last.count("/s") == 1
-    with status(Console(), "measuring") as report:
-        report("weave")
-        assert capfd.readouterr().err == "measuring: weave\n"
+    for quiet, told in ((False, "measuring: weave\n"), (True, "")):
+        told_parts("measuring", quiet)("weave")
+        assert capfd.readouterr().err == told
 
 
 @pytest.mark.parametrize(

@@ -1,17 +1,12 @@
-"""What commands show: bars of progress at a terminal, lines of it in a log, and tables."""
+"""What commands show: bars of progress at a terminal, and lines of it in a log."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Final, Literal
+from collections.abc import Callable
+from typing import Any, Final
 
 from tqdm import tqdm
-
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
 
 LOG_EVERY: Final = 10.0
 """Wall-clock time between lines of progress in a log, s: they must not fill it."""
@@ -31,22 +26,9 @@ class _Lines:
         """Do nothing: lines are flushed."""
 
 
-@contextmanager
-def status(console: Console, text: str) -> Iterator[Callable[[str], None]]:
-    """Show what is being done; where there is no terminal, each part of it is a line on standard error.
-
-    Yields:
-        A function that takes the name of the part.
-    """
-    with console.status(text) as shown:
-
-        def report(part: str) -> None:
-            if console.is_terminal:
-                shown.update(f"{text}: {part}")
-            elif not console.quiet:
-                print(f"{text}: {part}", file=sys.stderr, flush=True)
-
-        yield report
+def told_parts(text: str, quiet: bool) -> Callable[[str], None]:
+    """Return a function that prints which part of something is being done on standard error, unless quiet."""
+    return lambda part: None if quiet else print(f"{text}: {part}", file=sys.stderr, flush=True)
 
 
 def progress_bar(title: str, unit: str, total: int | None = None, *, quiet: bool = False, leave: bool = True) -> Any:
@@ -74,24 +56,3 @@ def setter(bar: Any) -> Callable[[int, int], None]:
         bar.update(done - bar.n)
 
     return report
-
-
-def text_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> Table:
-    """Return a table for people.
-
-    Args:
-        title: above it.
-        headings: of the columns.
-        rows: their cells.
-        left: number of columns of text, which come first; the others stand on the right.
-    """
-    from rich import box  # late: most of what shows progress needs no table
-    from rich.table import Table
-
-    table = Table(title=title, box=box.SIMPLE, pad_edge=False)
-    for place, heading in enumerate(headings):
-        justify: Literal["left", "right"] = "left" if place < left else "right"
-        table.add_column(heading, justify=justify, no_wrap=place >= left, overflow="fold")
-    for row in rows:
-        table.add_row(*row)
-    return table

@@ -11,9 +11,8 @@ from functools import partial
 from typing import Any, Final
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
+from bike_analysis.figures.cells import lines_of
 from bike_analysis.figures.numbers import lap_text
 from bike_analysis.figures.results import finite
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
@@ -35,7 +34,7 @@ from bike_sim.vehicles.files import load_superbike, load_vehicle, vehicle_templa
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, make_folder
 from bike_training.commands.declarations import ALL_SUPERBIKES
-from bike_training.progress import status, text_table
+from bike_training.progress import told_parts
 from bike_training.rollout.laps import ride_laps
 from bike_training.rollout.rollout import rollout
 
@@ -118,12 +117,11 @@ def _report(
     """
     if args.out is not None:
         make_folder("--out", args.out)
-    console = Console(quiet=args.json)
-    with status(console, "measuring") as progress:
-        report = measure(progress)
-    for name, rows in report.tables.items():
-        console.print(_table(name, rows))
-    console.print(_check_table(title, report))
+    report = measure(told_parts("measuring", args.json))
+    if not args.json:
+        for name, rows in report.tables.items():
+            print(_table(name, rows))
+        print(_check_table(title, report))
     answer = finite(head | report.as_dict())
     if args.out is not None:
         written = [args.out / f"{answer['schema'].split('/')[0].removeprefix('bike.')}.json"]
@@ -132,18 +130,19 @@ def _report(
             from bike_training.commands.validation_pictures import draw_modes
 
             written.append(draw_modes(report.modes, args.out / "modes.png"))
-        console.print("written: " + ", ".join(str(path) for path in written))
+        if not args.json:
+            print("written: " + ", ".join(str(path) for path in written))
     return answer
 
 
-def _table(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
+def _table(title: str, rows: Sequence[Mapping[str, Any]]) -> str:
     """Return rows of plain values as a table for people, each in a column where that is narrower."""
     keys = [key for key, value in rows[0].items() if not isinstance(value, list)]
     cells = [[key.replace("_", " ") for key in keys]]
     cells += [[f"{row[key]:.4g}" if isinstance(row[key], float) else str(row[key]) for key in keys] for row in rows]
     if len(rows) < len(keys):
         cells = [list(column) for column in zip(*cells, strict=True)]
-    return text_table(title, cells[0], cells[1:])
+    return "\n".join([title, *lines_of(cells), ""])
 
 
 def bound_checks(names: Sequence[str]) -> Iterator[Check]:
@@ -231,16 +230,16 @@ def _ridden_lap(rider: ClassicalRider, name: str, step: float) -> tuple[float, e
     return lap, energy.account(machine.vehicle, periods, step, machine.config.substeps)
 
 
-def _check_table(title: str, result: Report) -> Table:
+def _check_table(title: str, result: Report) -> str:
     """Return the checks as a table for people."""
-    rows = []
+    rows = [("figure", "measured", "reference", "allowed", "")]
     for check in result.checks:
         digits = ".4g" if abs(check.measured) >= 1e-3 or not check.measured else ".1e"
         limits = f"≤ {check.high:.4g}" if check.low in (0.0, -math.inf) else f"{check.low:.4g} to {check.high:.4g}"
         reference = f"{check.reference:.4g}" if check.reference else ""
-        verdict = "[green]pass[/green]" if check.passed else "[bold red]FAIL[/bold red]"
+        verdict = "pass" if check.passed else "FAIL"
         rows.append((check.title, format(float(check.measured), digits), reference, limits, verdict))
-    return text_table(title, ("figure", "measured", "reference", "allowed", ""), rows)
+    return "\n".join([title, *lines_of(rows)])
 
 
 def run_template(args: argparse.Namespace) -> dict[str, Any]:
@@ -269,13 +268,12 @@ def run_circuit(args: argparse.Namespace) -> dict[str, Any]:
     if args.out is not None:
         make_folder("--out", args.out)
     envelope = point_mass_envelope(args.lateral_g)
-    console = Console(quiet=args.json)
-    with status(console, "computing") as progress:
-        progress("the fastest line")
-        track = with_fastest_line(load_track(args.course), envelope)
-        ideal, median = lap_limit(envelope, track.line(1.0)), lap_limit(envelope, track.line(0.0))
+    told_parts("computing", args.json)("the fastest line")
+    track = with_fastest_line(load_track(args.course), envelope)
+    ideal, median = lap_limit(envelope, track.line(1.0)), lap_limit(envelope, track.line(0.0))
     figures = _circuit_figures(track, ideal, median)
-    console.print(_table(f"{track.name}: a sound circuit", [figures | {"corners": len(track.corners)}]))
+    if not args.json:
+        print(_table(f"{track.name}: a sound circuit", [figures | {"corners": len(track.corners)}]))
     if args.out is not None:
         path = args.out / f"{track.name}.png"
         title = (
@@ -283,7 +281,8 @@ def run_circuit(args: argparse.Namespace) -> dict[str, Any]:
             f"{ideal.machine}: {lap_text(ideal.lap_time)}"
         )
         track_figure(track, track.line(1.0), ideal.s, ideal.speed, title).savefig(path, dpi=100)
-        console.print(f"written: {path}")
+        if not args.json:
+            print(f"written: {path}")
         figures["picture"] = str(path)
     return {"schema": "bike.validate_course/1", "ok": ideal.lap_time <= median.lap_time, "figures": figures}
 
