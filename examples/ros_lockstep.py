@@ -2,7 +2,7 @@
 
     python examples/ros_lockstep.py
 
-Needs `make setup`. Starts its own simulator node; with `join=True` in RosClientConfig it rides one that runs. Takes
+Needs `make setup`. Starts its own simulator node; with `join=DOMAIN` it rides one that runs. Takes
 some ten seconds.
 """
 

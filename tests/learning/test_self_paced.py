@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bike_training.curricula.spdl import EASIER, HARDER, TOLERANCE, WAITS, Gaussian, SelfPaced, divergence, line_of
+from bike_training.curricula.spdl import EASIER, HARDER, TOLERANCE, WAITS, Gaussian, divergence, line_of, self_paced
 
 
 def gaussian(rng, size=3):
@@ -52,10 +52,9 @@ def sampled(distribution, value, count=100, seed=0):
 
 
 def test_a_good_agent_is_led_to_the_target_in_bounded_steps():
-    paced = SelfPaced(TARGET, threshold=1.0, step=0.05)
     now, apart = START, divergence(START, TARGET)
     for number in range(400):
-        update = paced.update(now, *sampled(now, lambda context: 2.0, seed=number), reached=True)
+        update = self_paced(now, TARGET, sampled(now, lambda context: 2.0, seed=number), 1.0, True)
         assert update.stage == HARDER
         assert divergence(now, update.distribution) <= 0.05 * (1.0 + 2.0 * TOLERANCE)
         now = update.distribution
@@ -68,8 +67,8 @@ def test_a_good_agent_is_led_to_the_target_in_bounded_steps():
 
 def test_harder_contexts_are_not_drawn_where_they_cost_too_much():
     """Values fall towards the target: the update goes as far as the threshold allows and no farther."""
-    paced = SelfPaced(TARGET, threshold=1.0, step=5.0)
-    update = paced.update(START, *sampled(START, lambda context: 1.2 - context.mean(), 400), reached=True)
+    episodes = sampled(START, lambda context: 1.2 - context.mean(), 400)
+    update = self_paced(START, TARGET, episodes, 1.0, True, step=5.0)
     assert update.stage == HARDER
     assert update.value >= 1.0 - TOLERANCE
     assert update.value < update.before
@@ -77,20 +76,19 @@ def test_harder_contexts_are_not_drawn_where_they_cost_too_much():
 
 
 def test_before_the_threshold_was_met_easier_contexts_are_sought():
-    paced = SelfPaced(TARGET, threshold=10.0, step=0.05)
     contexts = sampled(START, lambda context: -context.sum(), 200)
-    update = paced.update(START, *contexts, reached=False)
+    update = self_paced(START, TARGET, contexts, 10.0, False)
     assert update.stage == EASIER
     assert update.value > update.before
     assert divergence(START, update.distribution) <= 0.05 * (1.0 + 2.0 * TOLERANCE)
-    waiting = paced.update(START, *contexts, reached=True)
+    waiting = self_paced(START, TARGET, contexts, 10.0, True)
     assert waiting.stage == WAITS
     assert waiting.distribution is START
 
 
 def test_far_from_the_target_contexts_stay_spread():
-    paced = SelfPaced(TARGET, 1.0, 5.0, np.array([0.2, 0.2]), far=1.0)
-    update = paced.update(START, *sampled(START, lambda context: 2.0), reached=True)
+    episodes = sampled(START, lambda context: 2.0)
+    update = self_paced(START, TARGET, episodes, 1.0, True, 5.0, np.array([0.2, 0.2]), far=1.0)
     assert (np.diag(update.distribution.factor) >= 0.2 - 1e-9).all()
 
 

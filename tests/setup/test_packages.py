@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import os
 import re
 import subprocess
 import sys
@@ -171,23 +170,8 @@ def test_without_ros_one_line_says_what_works_and_how_to_get_it(words: list[str]
 def test_a_wheel_advises_the_address_that_it_came_from(monkeypatch, tmp_path: Path, capsys) -> None:
     """A name that no index has could be published by anybody."""
     monkeypatch.setattr(learning_packages, "SETUP", tmp_path / "none")
-    assert learning_packages.offer("train", "torch") == 2
+    learning_packages.advise("train", "torch")
     assert re.search(r"pip install 'two-wheeler-lab\[all\] @ file:///\S+'\n$", capsys.readouterr().err)
-
-
-def test_at_a_terminal_it_asks_first() -> None:
-    program = f"PACKAGES = {set(REFUSED)}\n{RIDING}\nfrom bike_training.cli import main\nsys.exit(main(sys.argv[1:]))"
-    terminal, side = os.openpty()
-    process = subprocess.Popen(
-        [sys.executable, "-c", program, "train", "whipple", "--out", "never"], stdin=side, stdout=side, stderr=side
-    )
-    os.close(side)
-    os.write(terminal, b"n\n")
-    assert process.wait(120) == 2
-    words = os.read(terminal, 10_000).decode()
-    os.close(terminal)
-    assert "Install them now? [Y/n]" in words
-    assert "nothing was installed" in words
 
 
 @pytest.fixture(scope="module")

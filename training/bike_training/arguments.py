@@ -1,4 +1,4 @@
-"""Checks of the arguments of commands, which name the option and the value."""
+"""Checks of the arguments of commands, which name the option and the value, and their files."""
 
 from __future__ import annotations
 
@@ -61,6 +61,13 @@ def make_folder(option: str, path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
         raise FileExistsError(f"{option} {path} cannot be a folder: a file is in the way") from error
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text so that a kill leaves either the file of before or all of the new one."""
+    unfinished = path.with_name(f"{path.name}.part")
+    unfinished.write_text(text, encoding="utf-8", newline="")
+    unfinished.replace(path)
 
 
 def read_json(path: Path, needed: Iterable[str] = ()) -> dict[str, Any]:

@@ -74,7 +74,8 @@ def _run(words: Sequence[str], alone: bool = False) -> int:
             package = learning_packages.missing_package(error)
             if package is None:
                 raise
-            return learning_packages.offer(name, package)
+            learning_packages.advise(name, package)
+            return 2
         except (KeyboardInterrupt, ValueError, OSError, NodeLost) as error:
             interrupted = isinstance(error, KeyboardInterrupt) and SHELL_BASE + signal.SIGINT
             # Nodes that a signal ended may be missed before the interruption comes.

@@ -7,9 +7,7 @@ them. The wheel brings neither ROS 2 nor the messages.
 from __future__ import annotations
 
 import json
-import os
 import re
-import subprocess
 import sys
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
@@ -50,16 +48,8 @@ def missing_package(error: ImportError) -> str | None:
     return name if isinstance(error, ModuleNotFoundError) and known else None
 
 
-def offer(command: str, package: str) -> int:
-    """Ask whether to install them, do so and begin this program anew; where nobody can be asked, print what to run.
-
-    Args:
-        command: name of the command that needs them.
-        package: the one that is missing.
-
-    Returns:
-        2, where they are not installed.
-    """
+def advise(command: str, package: str) -> None:
+    """Print what to run for a package that a command needs and that is missing."""
     if ROS_PACKAGES.match(package):
         print(
             f"bike {command}: this needs ROS 2 ({package} is not installed): run make setup in a checkout, see "
@@ -67,21 +57,11 @@ def offer(command: str, package: str) -> int:
             "analyze and validate",
             file=sys.stderr,
         )
-        return 2
+        return
     stage, whose = ("sweep", "packages of sweeps") if package in SWEEP_PACKAGES else ("training", "learning packages")
     reason = f"bike {command}: this needs the {whose} ({package} is not installed)"
-    if not SETUP.is_file():
-        print(f"{reason}; run: pip install '{DISTRIBUTION}[all] @ {_origin()}'", file=sys.stderr)
-    elif not sys.stdin.isatty() or not sys.stderr.isatty():
-        print(f"{reason}; run: make setup-{stage}", file=sys.stderr)
-    else:
-        print(f"{reason}. Install them now? [Y/n] ", end="", file=sys.stderr, flush=True)
-        if sys.stdin.readline().strip().lower() in ("", "y", "yes"):
-            if subprocess.run([SETUP, stage], check=False).returncode == 0:
-                os.execv(sys.executable, sys.orig_argv)
-        else:
-            print(f"nothing was installed; `make setup-{stage}` does it later", file=sys.stderr)
-    return 2
+    way = f"make setup-{stage}" if SETUP.is_file() else f"pip install '{DISTRIBUTION}[all] @ {_origin()}'"
+    print(f"{reason}; run: {way}", file=sys.stderr)
 
 
 def _origin() -> str:

@@ -10,6 +10,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, Final
 
+import numpy as np
+
 from bike_analysis.figures.cells import lines_of, table_text
 from bike_policy.contract.bundle import DEFAULT_POLICY, DEFAULT_RACER, load_bundle
 from bike_policy.riders.disturbed import DisturbedRider
@@ -27,7 +29,7 @@ from bike_training.envs.clients import make_client
 from bike_training.progress import progress_bar, setter
 from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Ride, draw, evaluate
 from bike_training.rollout.races import delay_of, ride_races
-from bike_training.rollout.rollout import TimedRider, ride_through
+from bike_training.rollout.rollout import ride_through
 from bike_training.rollout.stability import stability
 from bike_training.tasks.base import round_robin
 
@@ -77,18 +79,19 @@ def _evaluate(
 ) -> dict[str, Any]:
     """Return the figures of one rider."""
     total = len(args.speeds) * (1 + args.random_rides)
-    timed = TimedRider(rider)
+    times: list[float] = []
     with (
-        _rides(args, name, timed, config) as ride,
+        _rides(args, name, rider, config, times) as ride,
         progress_bar(rider.name, "ride", total, quiet=args.json) as bar,
     ):
         figures = evaluate(ride, args.course, args.speeds, args.random_rides, args.seed, bar.update)
+    answers = 1e3 * np.percentile(times, (50.0, 99.0)) if times else ()
     return {
         "policy": rider.name,
         "client": args.client,
         "engine": args.engine,
         "time_step_s": args.time_step,
-        **timed.figures(),
+        **dict(zip(("answer_median_ms", "answer_p99_ms"), map(float, answers), strict=False)),
         **figures,
         **stability(rider),
         "disturbed": [_disturbed(args, rider, config, known) for known in disturbances],
@@ -110,8 +113,10 @@ def _disturbed(
 
 
 @contextmanager
-def _rides(args: argparse.Namespace, name: str, rider: Rider, config: SimulatorConfig) -> Iterator[Ride]:
-    """Open what rides, and close it."""
+def _rides(
+    args: argparse.Namespace, name: str, rider: Rider, config: SimulatorConfig, times: list[float]
+) -> Iterator[Ride]:
+    """Open what rides, and close it; in this process answers are timed."""
     if args.client == NODES:
         from bike_training.nodes.node_rides import NodeRides  # only rides through nodes need ROS
 
@@ -120,7 +125,7 @@ def _rides(args: argparse.Namespace, name: str, rider: Rider, config: SimulatorC
         return
     client = make_client(args.client, config)
     try:
-        yield lambda request, longest: ride_through(client, rider, request, longest)
+        yield lambda request, longest: ride_through(client, rider, request, longest, times)
     finally:
         client.close()
 

@@ -112,99 +112,85 @@ class Update(NamedTuple):
     before: float
 
 
-@dataclass(frozen=True)
-class SelfPaced:
-    """Settings of the updates.
+def self_paced(
+    old: Gaussian,
+    target: Gaussian,
+    episodes: tuple[FloatArray, FloatArray, FloatArray],
+    threshold: float,
+    reached: bool,
+    step: float = 0.05,
+    least_std: FloatArray | None = None,
+    far: float = 50.0,
+) -> Update:
+    """Return the next distribution.
 
-    Attributes:
+    Args:
+        old: the present one.
         target: distribution that all ends with.
+        episodes: their contexts, shape (n, d), the logarithm of the density that each was drawn with, and their values,
+            shape (n,).
         threshold: expected value that must be kept (delta).
-        step: largest KL(old || new) of an update, nat (epsilon).
+        reached: whether the threshold was ever met.
+        step: largest KL(old || new), nat (epsilon).
         least_std: least standard deviation of each number while the target is far, or None.
         far: KL(old || target) up to which it is not far, nat.
     """
+    contexts, sampled, values = episodes
 
-    target: Gaussian
-    threshold: float
-    step: float = 0.05
-    least_std: FloatArray | None = None
-    far: float = 50.0
+    def value(distribution: Gaussian) -> float:
+        ratio = distribution.log_density(contexts) - sampled
+        weights = np.exp(ratio - np.max(ratio))  # normalised below, so that values may be shifted
+        return float(np.sum(weights * values) / np.sum(weights))
 
-    def update(
-        self, old: Gaussian, contexts: FloatArray, sampled: FloatArray, values: FloatArray, reached: bool
-    ) -> Update:
-        """Return the next distribution.
-
-        Args:
-            old: the present one.
-            contexts: of episodes, shape (n, d).
-            sampled: logarithm of the density that each was drawn with, shape (n,).
-            values: of the episodes, shape (n,).
-            reached: whether the threshold was ever met.
-        """
-
-        def value(distribution: Gaussian) -> float:
-            ratio = distribution.log_density(contexts) - sampled
-            weights = np.exp(ratio - np.max(ratio))  # normalised below, so that values may be shifted
-            return float(np.sum(weights * values) / np.sum(weights))
-
-        bounds = self._bounds(old)
-        begin = Gaussian.from_flat(np.maximum(old.to_flat(), [low for low, _ in bounds]))
-        before = value(begin)
-        if before >= self.threshold:
-            found = self._solve(begin, old, bounds, lambda new: divergence(new, self.target), value)
-            return Update(found, HARDER, value(found), before)
-        if not reached:
-            found = self._solve(begin, old, bounds, lambda new: -value(new), None)
-            return Update(found, EASIER, value(found), before)
+    size, flat = len(old.mean), old.to_flat()
+    # Far beyond any step that the divergence allows; keeps the solver's trials finite.
+    bounds: list[tuple[float, float]] = [(number - FARTHEST, number + FARTHEST) for number in flat]
+    if least_std is not None and divergence(old, target) > far:
+        for k, low in enumerate(map(math.log, least_std), start=size):
+            bounds[k] = (low, max(low, flat[k]) + FARTHEST)
+    begin = Gaussian.from_flat(np.maximum(flat, [low for low, _ in bounds]))
+    before = value(begin)
+    keeps = before >= threshold
+    if not keeps and reached:
         return Update(old, WAITS, before, before)
 
-    def _bounds(self, old: Gaussian) -> list[tuple[float, float]]:
-        size, flat = len(old.mean), old.to_flat()
-        # Far beyond any step that the divergence allows; keeps the solver's trials finite.
-        bounds: list[tuple[float, float]] = [(value - FARTHEST, value + FARTHEST) for value in flat]
-        if self.least_std is not None and divergence(old, self.target) > self.far:
-            for k, low in enumerate(map(math.log, self.least_std), start=size):
-                bounds[k] = (low, max(low, flat[k]) + FARTHEST)
-        return bounds
+    def cost(flat: FloatArray) -> float:
+        new = Gaussian.from_flat(flat)
+        return divergence(new, target) if keeps else -value(new)
 
-    def _solve(
-        self,
-        begin: Gaussian,
-        old: Gaussian,
-        bounds: list[tuple[float, float]],
-        objective: Callable[[Gaussian], float],
-        value: Callable[[Gaussian], float] | None,
-    ) -> Gaussian:
-        """Minimise an objective within the constraints; where nothing better keeps them, return the beginning."""
+    def room(flat: FloatArray) -> FloatArray:
+        new = Gaussian.from_flat(flat)
+        left = [(step - divergence(old, new)) / step]
+        if keeps:
+            left.append((value(new) - threshold) / max(abs(threshold), 1.0))
+        return np.array(left)
 
-        def room(flat: FloatArray) -> FloatArray:
-            new = Gaussian.from_flat(flat)
-            left = [(self.step - divergence(old, new)) / self.step]
-            if value is not None:
-                left.append((value(new) - self.threshold) / max(abs(self.threshold), 1.0))
-            return np.array(left)
+    found = _minimum(cost, room, begin, bounds)
+    return Update(found, HARDER if keeps else EASIER, value(found), before)
 
-        def cost(flat: FloatArray) -> float:
-            return objective(Gaussian.from_flat(flat))
 
-        first = begin.to_flat()
-        found = minimize(
-            cost,
-            first,
-            method="SLSQP",
-            bounds=bounds,
-            constraints={"type": "ineq", "fun": room},
-            options={"maxiter": ITERATIONS, "ftol": 1e-6},
-        ).x
-        if not np.all(np.isfinite(found)):
-            return begin
-        # Where the solver ends outside, the way back to the beginning leads inside again.
-        for _ in range(20):
-            if np.all(room(found) >= -TOLERANCE) and cost(found) <= cost(first):
-                return Gaussian.from_flat(found)
-            found = 0.5 * (found + first)
-        return begin
+def _minimum(
+    cost: Callable[[FloatArray], float],
+    room: Callable[[FloatArray], FloatArray],
+    begin: Gaussian,
+    bounds: list[tuple[float, float]],
+) -> Gaussian:
+    """Minimise a cost within the constraints; where nothing better keeps them, return the beginning."""
+    first = begin.to_flat()
+    found = minimize(
+        cost,
+        first,
+        method="SLSQP",
+        bounds=bounds,
+        constraints={"type": "ineq", "fun": room},
+        options={"maxiter": ITERATIONS, "ftol": 1e-6},
+    ).x
+    # Where the solver ends outside, the way back to the beginning leads inside again.
+    for _ in range(20 if np.all(np.isfinite(found)) else 0):
+        if np.all(room(found) >= -TOLERANCE) and cost(found) <= cost(first):
+            return Gaussian.from_flat(found)
+        found = 0.5 * (found + first)
+    return begin
 
 
 SLOWEST: Final = 25.0
@@ -366,8 +352,8 @@ class SpdlCurriculum(RaceCurriculum):
             found, stage = scheduled(self.target, step / settings.schedule), HARDER
         elif isinstance(settings, SpdlSettings) and len(self._seen) >= LEAST_EPISODES:
             contexts, sampled, values = (np.array(part) for part in zip(*self._seen, strict=True))
-            paced = SelfPaced(self.target, settings.threshold, settings.kl, np.array(LEAST_STD))
-            found, stage, _, value = paced.update(self.distribution, contexts, sampled, values, self._reached)
+            limits = settings.threshold, self._reached, settings.kl, np.array(LEAST_STD)
+            found, stage, _, value = self_paced(self.distribution, self.target, (contexts, sampled, values), *limits)
             self._reached |= stage == HARDER
         if found is not None:
             self.distribution = found

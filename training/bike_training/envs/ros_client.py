@@ -11,7 +11,7 @@ import os
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Final
 
 from bike_msgs.msg import BikeCommand, BikeState
@@ -21,7 +21,7 @@ from bike_msgs.srv import Reset
 from bike_sim.course.course import Course
 from bike_sim.ros import messages, node_tools
 from bike_sim.ros.command_gate import Command
-from bike_sim.ros.isolation import DOMAIN_VARIABLE, DomainLease
+from bike_sim.ros.isolation import DomainLease
 from bike_sim.ros.subscriptions import RawSubscription, subscribe
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
@@ -33,25 +33,11 @@ from bike_training.envs.node_process import InactivityTimeout, NodeLost, NodePro
 START_TIMEOUT: Final = 60.0
 """Longest wait for a simulator that is not at work either, s. Its first start on a machine compiles the physics."""
 
+TIMEOUT: Final = 10.0
+"""Silence after which the simulator counts as lost, s."""
+
 RESEND_AFTER: Final = 0.5
 """Time without an answer after which a command is sent again, s."""
-
-
-@dataclass(frozen=True)
-class RosClientConfig:
-    """Access to a simulator.
-
-    Attributes:
-        join: False starts a new simulator node, True uses one that runs.
-        namespace: namespace of the simulator's topics.
-        domain_id: ROS domain; None takes a free one for its own simulator, and this process's when joining.
-        timeout: silence after which the simulator counts as lost, s.
-    """
-
-    join: bool = False
-    namespace: str = node_tools.NAMESPACE
-    domain_id: int | None = None
-    timeout: float = 10.0
 
 
 class RosClient(AbstractContextManager["RosClient"]):
@@ -66,8 +52,15 @@ class RosClient(AbstractContextManager["RosClient"]):
 
     preview = Preview()
 
-    def __init__(self, config: SimulatorConfig | None = None, ros: RosClientConfig | None = None) -> None:
+    def __init__(
+        self, config: SimulatorConfig | None = None, join: int | None = None, namespace: str = node_tools.NAMESPACE
+    ) -> None:
         """Start or find the simulator.
+
+        Args:
+            config: of the simulator.
+            join: ROS domain of a simulator node that runs; None starts a new one in a free domain.
+            namespace: of the simulator's topics.
 
         Raises:
             NodeLost: it ended or did not appear in time; with its last output if it is a new one.
@@ -75,7 +68,7 @@ class RosClient(AbstractContextManager["RosClient"]):
         """
         self.config = config or SimulatorConfig()
         self.vehicle: Vehicle = load_vehicle(self.config.vehicle)
-        self._ros = ros or RosClientConfig()
+        self._join, self._namespace = join, namespace
         self._close = contextlib.ExitStack()
         try:
             self._open()
@@ -84,14 +77,16 @@ class RosClient(AbstractContextManager["RosClient"]):
             raise
 
     def _open(self) -> None:
-        self.domain_id = self._choose_domain()
         self._process: NodeProcess | None = None
-        if not self._ros.join:
+        if self._join is not None:
+            self.domain_id = self._join
+        else:
+            self.domain_id = self._close.enter_context(DomainLease()).domain_id
             parameters = asdict(self.config) | {"mode": "lockstep", "auto_reset": "never", "course": "line"}
-            self._process = NodeProcess("bike_sim.ros.sim_node", parameters, self.domain_id, self._ros.namespace)
+            self._process = NodeProcess("bike_sim.ros.sim_node", parameters, self.domain_id, self._namespace)
             self._close.callback(self._process.close)
         name = f"ride_client_{os.getpid()}_{id(self) & 0xFFFF:x}"
-        self._node = node_tools.GuestNode(name, self.domain_id, self._ros.namespace)
+        self._node = node_tools.GuestNode(name, self.domain_id, self._namespace)
         self._close.callback(self._node.close)
         self._commands = self._node.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
         # Before the subscriptions: a matched simulator knows where to send its answers; earlier ones are dropped.
@@ -103,15 +98,6 @@ class RosClient(AbstractContextManager["RosClient"]):
         self._last: Snapshot | None = None
         self._wait_until(self._connected, START_TIMEOUT, "did not appear")
 
-    def _choose_domain(self) -> int:
-        if self._ros.domain_id is not None:
-            return self._ros.domain_id
-        if self._ros.join:
-            return int(os.environ.get(DOMAIN_VARIABLE) or 0)
-        lease = DomainLease()
-        self._close.callback(lease.close)
-        return lease.domain_id
-
     # ---------------------------------------------------------------------------------------------- simulator's methods
 
     @property
@@ -122,7 +108,7 @@ class RosClient(AbstractContextManager["RosClient"]):
         episode = self._last.episode
         self._wait_until(
             lambda: self._course is not None and self._course[0] == episode,
-            self._ros.timeout,
+            TIMEOUT,
             f"has not sent the course of episode {episode}",
         )
         assert self._course is not None
@@ -137,7 +123,7 @@ class RosClient(AbstractContextManager["RosClient"]):
         """
         future = self._reset_service.call_async(messages.reset_to_message(request))
         try:
-            self._wait_until(future.done, self._ros.timeout, "has not answered a reset")
+            self._wait_until(future.done, TIMEOUT, "has not answered a reset")
         finally:
             self._reset_service.remove_pending_request(future)
         response = future.result()
@@ -195,7 +181,7 @@ class RosClient(AbstractContextManager["RosClient"]):
 
     def _exchange(self, command: bytes, episode: int, step: int) -> Snapshot:
         """Send a command, again and again if need be, until the state of the given step comes."""
-        patience = self._patience(self._ros.timeout)
+        patience = self._patience(TIMEOUT)
         while True:
             self._commands.publish(command)
             resend_at = time.monotonic() + RESEND_AFTER
@@ -205,7 +191,7 @@ class RosClient(AbstractContextManager["RosClient"]):
                     return state
             self._check_alive()
             if patience.is_out():
-                raise self._lost(f"has not answered step {step} of episode {episode} within {self._ros.timeout:g} s")
+                raise self._lost(f"has not answered step {step} of episode {episode} within {TIMEOUT:g} s")
 
     def _receive(self, timeout: float) -> Snapshot | None:
         """Return the next state, or None after the time-out."""
@@ -241,5 +227,5 @@ class RosClient(AbstractContextManager["RosClient"]):
             self._process.check()
 
     def _lost(self, complaint: str) -> NodeLost:
-        where = f"/{self._ros.namespace.strip('/')} in ROS domain {self.domain_id}"
+        where = f"/{self._namespace.strip('/')} in ROS domain {self.domain_id}"
         return NodeLost(f"the simulator {where} {complaint}; is it running, in lockstep, and not paused?")

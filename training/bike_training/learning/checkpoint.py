@@ -24,6 +24,8 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
+from bike_training.arguments import write_whole
+
 _ARRAY: Final = "$array"
 """Key of a table that stands for an array of the other file."""
 
@@ -321,13 +323,6 @@ class Checkpoint:
         """Name this checkpoint in whatever goes wrong while the state of the run is taken over."""
         with readable(self._folder):
             yield
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a text so that a kill leaves either the file of before or all of the new one."""
-    unfinished = path.with_name(f"{path.name}.part")
-    unfinished.write_text(text, encoding="utf-8", newline="")
-    unfinished.replace(path)
 
 
 @contextmanager

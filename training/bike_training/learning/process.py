@@ -21,13 +21,14 @@ from stable_baselines3.common.vec_env import VecEnv
 from bike_policy.contract.bundle import Actor
 from bike_sim.sim.request import ResetRequest
 from bike_sim.vehicles.files import load_vehicle
+from bike_training.arguments import write_whole
 from bike_training.curricula.base import EndedEpisode, Episodes
 from bike_training.curricula.parts import RideRanges
 from bike_training.envs.env import BikeEnv
 from bike_training.envs.node_process import NodeLost
 from bike_training.envs.vec_env import BatchVecEnv, SimulatorVecEnv
 from bike_training.interruption import signals_handled
-from bike_training.learning.checkpoint import Checkpoint, holds_run, save_checkpoint, write_whole
+from bike_training.learning.checkpoint import Checkpoint, holds_run, save_checkpoint
 from bike_training.learning.learner import AveragedActor, actor_tensors, build_model
 from bike_training.learning.progress import Progress, summarise
 from bike_training.learning.run_settings import TRAINING_DRAWS, VALIDATION_DRAWS, RunSettings, draws

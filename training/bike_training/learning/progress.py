@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from bike_policy.contract.bundle import Actor
+from bike_training.arguments import write_whole
 from bike_training.curricula.base import Curriculum
-from bike_training.learning.checkpoint import write_whole
 from bike_training.learning.learner import AveragedActor
 from bike_training.learning.run_settings import source_commit
 

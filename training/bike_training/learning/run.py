@@ -8,11 +8,13 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any, Final
 
+from bike_training.arguments import write_whole
 from bike_training.envs.node_process import NodeLost
-from bike_training.learning.checkpoint import find_checkpoint, write_whole
+from bike_training.learning.checkpoint import find_checkpoint
 from bike_training.learning.presets import GradientSettings
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import RunSettings
+from bike_training.settings import to_plain
 
 SETTINGS_FILE: Final = "settings.json"
 
@@ -45,7 +47,7 @@ def run(
     try:
         with closing(LearningProcess(settings, out, settings.preset.sac.steps, resume=resume)) as process:
             # Only now: nothing stays of a run that cannot be.
-            write_whole(out / SETTINGS_FILE, json.dumps(settings.to_json(), indent=1))
+            write_whole(out / SETTINGS_FILE, json.dumps(to_plain(settings), indent=1))
             try:
                 process.run(report)
             except KeyboardInterrupt:
@@ -67,7 +69,7 @@ def stored_settings(out: Path) -> RunSettings:
     if not path.is_file():
         raise FileNotFoundError(f"{out} holds no run to resume ({path.name} is missing)")
     try:
-        return RunSettings.from_json(json.loads(path.read_text(encoding="utf-8")))
+        return RunSettings.from_plain(json.loads(path.read_text(encoding="utf-8")))
     except ValueError as error:
         raise ValueError(
             f"{path} cannot be read ({error}); it is damaged, or another version of this software wrote it"

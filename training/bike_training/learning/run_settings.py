@@ -17,7 +17,7 @@ from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.envs.clients import CLIENT_KINDS
 from bike_training.learning.presets import LARGEST_SEED, GradientSettings, Preset, load_preset
-from bike_training.settings import AT_LEAST_0, AT_LEAST_1, POSITIVE, Settings, check_choice, from_plain, to_plain
+from bike_training.settings import AT_LEAST_0, AT_LEAST_1, POSITIVE, Settings, check_choice, from_plain
 
 COMPILED_TIME_STEP: Final = 0.01
 """Integration step of the compiled engine in training, s; its error there is below 1e-6 in every state."""
@@ -104,13 +104,9 @@ class RunSettings(Settings):
         steps = self.preset.sac.steps
         return min(steps, max(FINISH_STEPS, round(1.1 * made))) if self.until_finished else steps
 
-    def to_json(self) -> dict[str, Any]:
-        """Return plain values that :meth:`from_json` reads."""
-        return to_plain(self)
-
     @classmethod
-    def from_json(cls, stored: dict[str, Any]) -> RunSettings:
-        """Read what :meth:`to_json` wrote.
+    def from_plain(cls, stored: Any) -> RunSettings:
+        """Return the settings of a table, as `to_plain` makes it.
 
         Raises:
             ValueError: an entry is missing, unknown, or of another kind.

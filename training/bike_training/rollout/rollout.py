@@ -20,20 +20,22 @@ from bike_sim.course.course import Course
 from bike_sim.course.finish import Finish, up_to_finish
 from bike_sim.physics.state import ROLL, STEER, STEER_RATE, X, Y
 from bike_sim.sim import look as lk
-from bike_sim.sim.request import RANDOM_COURSE, Preview, ResetRequest
+from bike_sim.sim.request import RANDOM_COURSE, ResetRequest
 from bike_sim.sim.snapshot import Snapshot
-from bike_sim.vehicles.bicycle import Vehicle
 from bike_training.envs.clients import Client
 from bike_training.tasks.path import PROP
 
 
-def rollout(client: Client, rider: Rider, request: ResetRequest) -> Iterator[Snapshot]:
+def rollout(
+    client: Client, rider: Rider, request: ResetRequest, times: list[float] | None = None
+) -> Iterator[Snapshot]:
     """Begin an episode and ride it step by step, as long as the caller takes snapshots.
 
     Args:
         client: simulator.
         rider: answers each snapshot with a command.
         request: of the episode.
+        times: takes the processor time of each answer of the rider, s; None where nobody wants to know.
 
     Yields:
         Each snapshot, from the one of the reset on. It ends after a fall and where the rider has no answer.
@@ -47,7 +49,10 @@ def rollout(client: Client, rider: Rider, request: ResetRequest) -> Iterator[Sna
     rider.begin(client.vehicle, course, client.config.control_period, client.preview)
     yield snapshot
     while not snapshot.fallen:
+        began = time.thread_time()  # processor time: other work on the machine does not count
         command = rider.command(snapshot)
+        if times is not None:
+            times.append(time.thread_time() - began)
         if command is None:
             return
         snapshot = client.step(*command)
@@ -119,7 +124,9 @@ class RideResult:
         return found
 
 
-def ride_through(client: Client, rider: Rider, request: ResetRequest, longest: float) -> RideResult:
+def ride_through(
+    client: Client, rider: Rider, request: ResetRequest, longest: float, times: list[float] | None = None
+) -> RideResult:
     """Ride until the course ends, the ride fails, or the time is up.
 
     Args:
@@ -127,10 +134,11 @@ def ride_through(client: Client, rider: Rider, request: ResetRequest, longest: f
         rider: whose preview replaces that of the request if it needs one.
         request: of the ride.
         longest: longest ride, s; an open ride that lasts so long is completed, a closed one is not.
+        times: see `rollout`.
     """
     request = with_preview(request, rider)
     snapshots = []
-    for snapshot in rollout(client, rider, request):
+    for snapshot in rollout(client, rider, request, times):
         snapshots.append(snapshot)
         if is_over(snapshot, longest):
             break
@@ -163,31 +171,3 @@ def is_completed(last: Snapshot, request: ResetRequest) -> bool:
 def time_for(course: Course, speed: float) -> float:
     """Return a generous time limit for a course, s."""
     return 1.5 * course.length / speed + 5.0
-
-
-class TimedRider:
-    """Passes everything on to another rider and times its answers; implements `bike_policy.riders.rider.Rider`."""
-
-    def __init__(self, rider: Rider) -> None:
-        """Take a rider."""
-        self._rider = rider
-        self._times: list[float] = []
-        self.name, self.preview = rider.name, rider.preview
-
-    def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
-        """Prepare the rider; see `Rider`."""
-        self._rider.begin(vehicle, course, period, preview)
-
-    def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
-        """Return the rider's answer."""
-        began = time.thread_time()  # processor time: other work on the machine does not count
-        answer = self._rider.command(snapshot)
-        self._times.append(time.thread_time() - began)
-        return answer
-
-    def figures(self) -> dict[str, Any]:
-        """Return median and 99th percentile of the processor time of an answer, ms; nothing without answers."""
-        if not self._times:
-            return {}
-        median, high = np.percentile(self._times, (50.0, 99.0)) * 1e3
-        return {"answer_median_ms": float(median), "answer_p99_ms": float(high)}

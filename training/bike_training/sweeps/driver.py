@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import time
 from collections.abc import Sequence
@@ -9,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
+from bike_training.arguments import write_whole
 from bike_training.sweeps.cluster import first_line, ray_cluster
 from bike_training.sweeps.display import Display
 from bike_training.sweeps.runs import (
@@ -20,7 +22,6 @@ from bike_training.sweeps.runs import (
     PlannedRun,
     execute,
     result_of,
-    write_record,
 )
 from bike_training.sweeps.spec import RunSpec
 
@@ -101,7 +102,7 @@ def _collect(ray: Any, waiting: dict[Any, PlannedRun], display: Display, patienc
         if record["status"] == FINISHED and result_of(planned.folder) is None:  # a machine with disks of its own
             with suppress(OSError):
                 planned.folder.mkdir(parents=True, exist_ok=True)
-                write_record(planned.folder / RESULT_FILE, record)
+                write_whole(planned.folder / RESULT_FILE, json.dumps(record, indent=1))
         display.show_end(planned.folder.name, record)
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bike_sim.recording.in_use import Claim, claim_folder
+from bike_training.arguments import write_whole
 from bike_training.learning.run_settings import source_commit
 from bike_training.sweeps.jobs import Report
 from bike_training.sweeps.spec import RunSpec, Sweep
@@ -26,13 +27,6 @@ SCHEMA: Final = "bike.sweep.run/1"
 
 FINISHED, FAILED, INTERRUPTED, MISSING = "finished", "failed", "interrupted", "missing"
 """Status of a run."""
-
-
-def write_record(path: Path, record: dict[str, Any]) -> None:
-    """Write a record so that a kill leaves either none or all of it."""
-    unfinished = path.with_name(f"{path.name}.part")
-    unfinished.write_text(json.dumps(record, indent=1), encoding="utf-8")
-    unfinished.replace(path)
 
 
 def read_record(path: Path) -> dict[str, Any] | None:
@@ -202,7 +196,7 @@ def execute(
                 "ended_at": datetime.now(UTC).isoformat(timespec="seconds"),
             }
             if not interrupted:
-                write_record(folder / RESULT_FILE, record)
+                write_whole(folder / RESULT_FILE, json.dumps(record, indent=1))
             return record
     except KeyboardInterrupt:
         return record | {"status": INTERRUPTED}
@@ -217,7 +211,7 @@ def _failure(folder: Path, error: Exception) -> dict[str, Any]:
     failure = {"status": FAILED, "error": words[:ERROR_LENGTH]}
     with suppress(OSError):  # the disk may be what is full
         (folder / "error.txt").write_text("".join(traceback.format_exception(error)), encoding="utf-8")
-        write_record(folder / FAILURE_FILE, failure)
+        write_whole(folder / FAILURE_FILE, json.dumps(failure, indent=1))
     return failure
 
 
