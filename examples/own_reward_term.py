@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from bike_training.learning.presets import load_preset
-from bike_training.learning.run import run
+from bike_training.learning.process import run
 from bike_training.learning.run_settings import RunSettings
 from bike_training.tasks.path import REWARD_TERMS
 

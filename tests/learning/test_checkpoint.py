@@ -20,8 +20,7 @@ from bike_training.learning.checkpoint import (
     write_tree,
 )
 from bike_training.learning.presets import load_preset
-from bike_training.learning.process import LearningProcess
-from bike_training.learning.run import run, stored_settings
+from bike_training.learning.process import LearningProcess, run, stored_settings
 from bike_training.learning.run_settings import RunSettings
 
 FILES = ["state.json", "tensors.safetensors", "replay.npz"]

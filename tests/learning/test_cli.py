@@ -197,7 +197,7 @@ def test_simulators_are_as_many_as_asked_for(monkeypatch):
         asked.append(settings.preset)
         raise ValueError("nothing is learned here")
 
-    monkeypatch.setattr("bike_training.learning.run.run", refuse)
+    monkeypatch.setattr("bike_training.learning.process.run", refuse)
 
     def chosen(*words):
         assert main(["train", "whipple", "--out", "x", *words]) == 2

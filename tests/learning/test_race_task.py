@@ -54,7 +54,7 @@ def copied(row: Rows) -> Rows:
 def rides_of(start, task=TASK, context=None):
     row, request, course = start
     rides = task.make_state(1, load_vehicle("panigale_v4r"))
-    rides.begin(0, row, replace(request, context=() if context is None else context.to_request()), course)
+    rides.begin(0, row, replace(request, context=tuple(context or ())), course)
     return rides
 
 

@@ -237,7 +237,7 @@ def test_both_arms_of_the_comparison_draw_the_same_episodes_at_the_target(
         contexts = [RaceContext.of(request) for request in drawn]
         assert contexts[0].share == contexts[1].share != 1.0
         assert replace(drawn[0], context=()) == replace(drawn[1], context=())
-        assert replace(contexts[0], number=0.0) == replace(contexts[1], number=0.0)
+        assert contexts[0]._replace(number=0.0) == contexts[1]._replace(number=0.0)
 
 
 def test_a_fixed_schedule_ends_at_the_target_whatever_the_returns(circuits: Circuits) -> None:

@@ -30,7 +30,6 @@ from bike_training.learning.gradients import (
     MirrorSymmetricActor,
     Weights,
     cost,
-    learn_by_gradients,
 )
 from bike_training.learning.linear_rides import (
     FREE,
@@ -227,8 +226,8 @@ def test_it_learns_to_stay_upright_from_nothing() -> None:
 
 
 def test_the_command_writes_the_same_policy_again(tmp_path: Path) -> None:
-    first = learn_by_gradients(run_of(SMALL), tmp_path / "a")
-    learn_by_gradients(run_of(SMALL), tmp_path / "b")
+    first = GradientLearning(run_of(SMALL)).run(tmp_path / "a")
+    GradientLearning(run_of(SMALL)).run(tmp_path / "b")
     tensors = [(tmp_path / name / "policy" / "actor.safetensors").read_bytes() for name in "ab"]
     assert tensors[0] == tensors[1]
     rows = list(csv.DictReader((tmp_path / "a" / "refinement.csv").open()))

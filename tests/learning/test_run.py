@@ -10,7 +10,7 @@ import pytest
 from safetensors.numpy import load_file
 
 from bike_training.learning.presets import load_preset
-from bike_training.learning.run import run, stored_settings
+from bike_training.learning.process import run, stored_settings
 from bike_training.learning.run_settings import RunSettings
 
 PRESET = load_preset("fast").changed(

@@ -23,7 +23,7 @@ REQUEST = ResetRequest(
     perturb=True,
     progress=700.0,
     line=0.9,
-    context=RaceContext(0.8, 0.1, 60.0, 0.9).to_request(),
+    context=tuple(RaceContext(0.8, 0.1, 60.0, 0.9)),
 )
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from bike_training.learning.run import run as learn
+from bike_training.learning.process import run as learn
 from bike_training.learning.run_settings import RECORD_ENDS
 from bike_training.sweeps.results import curves_table, runs_table
 from bike_training.sweeps.runs import FAILED, FINISHED, INTERRUPTED, execute, make_plan, result_of, status_of

@@ -18,7 +18,7 @@ from bike_training.learning.run_settings import (
 from bike_training.progress import progress_bar
 
 if TYPE_CHECKING:
-    from bike_training.learning.gradients import Comparison, GradientLearning
+    from bike_training.learning.gradients import Comparison
     from bike_training.learning.process import LearningProcess
 
 # PyTorch and JAX are loaded late, after bad settings are refused: they take seconds.
@@ -33,14 +33,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Learn and return the outcome; not ok when interrupted."""
     settings = _resumed_settings(args) if args.resume else _new_settings(args)
     settings = with_simulator(settings, args.client, args.engine, args.time_step, args.simulators)
-    from bike_training.learning import run as learning
+    from bike_training.learning.process import run as learn
 
     if not (settings.superbike or settings.until_finished or args.json):
         print(
             f"learns for {settings.preset.sac.steps:,} steps; --until-finished ends with the curriculum, after minutes"
         )
     with progress_bar("learning", "step", settings.expected_steps()) as bar:
-        summary = learning.run(settings, args.out, lambda process: _show(bar, process), args.resume)
+        summary = learn(settings, args.out, lambda process: _show(bar, process), args.resume)
     figures = summary | {"out": str(args.out)}
     if not args.json:
         _print(figures)
@@ -67,7 +67,7 @@ def _new_settings(args: argparse.Namespace) -> RunSettings:
 
 def _resumed_settings(args: argparse.Namespace) -> RunSettings:
     """Return the settings of a resumed run, with those that may change."""
-    from bike_training.learning.run import stored_settings
+    from bike_training.learning.process import stored_settings
 
     settings = stored_settings(args.out)
     if args.vehicle not in (None, settings.vehicle):
@@ -113,7 +113,7 @@ def run_refinement(args: argparse.Namespace) -> dict[str, Any]:
     learner = settings.preset.learner
     if not isinstance(learner, GradientSettings):
         raise ValueError(f"preset {settings.preset.name!r} does not learn by gradients")
-    from bike_training.learning.gradients import learn_by_gradients
+    from bike_training.learning.gradients import GradientLearning
 
     with progress_bar("learning", "segment", learner.segments) as bar:
 
@@ -122,7 +122,7 @@ def run_refinement(args: argparse.Namespace) -> dict[str, Any]:
                 bar.set_postfix_str(f"{found.ridden} ridden, mean {found.mean_m:.4f} m", refresh=False)
             bar.update()
 
-        summary = learn_by_gradients(replace(settings, start=args.start or ""), args.out, report)
+        summary = GradientLearning(replace(settings, start=args.start or "")).run(args.out, report)
     best = summary["best_selection"]
     if not args.json:
         print(

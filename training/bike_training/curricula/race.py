@@ -193,7 +193,7 @@ class RaceCurriculum(Curriculum):
             progress=progress,
             start_offset=float(rng.uniform(-START_OFFSET, START_OFFSET)),
             preview=preview,
-            context=context.to_request(),
+            context=tuple(context),
         )
 
     def _failure(self, name: str, rng: np.random.Generator) -> float | None:
@@ -237,7 +237,7 @@ class RaceCurriculum(Curriculum):
                         perturb=True,
                         progress=progress,
                         preview=preview,
-                        context=RaceContext(share=self.settings.share).to_request(),
+                        context=tuple(RaceContext(share=self.settings.share)),
                     )
                 )
         return found

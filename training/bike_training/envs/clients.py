@@ -17,19 +17,15 @@ Client: TypeAlias = "Simulator | RosClient"
 
 
 def make_client(kind: str, config: SimulatorConfig) -> Client:
-    """Return a client with its own simulator.
-
-    Args:
-        kind: ``local`` rides in this process, ``ros`` starts a ``sim_node`` and rides it in lockstep.
-        config: vehicle, engine and steps.
+    """Return a client with its own simulator: ``local`` in this process, ``ros`` in a node that is ridden in lockstep.
 
     Raises:
         ValueError: an unknown kind.
     """
+    if kind not in CLIENT_KINDS:
+        raise ValueError(f"unknown client {kind!r}; choose one of {', '.join(CLIENT_KINDS)}")
     if kind == "local":
         return Simulator(config)
-    if kind == "ros":
-        from bike_training.envs.ros_client import RosClient
+    from bike_training.envs.ros_client import RosClient
 
-        return RosClient(config)
-    raise ValueError(f"unknown client {kind!r}; choose one of {', '.join(CLIENT_KINDS)}")
+    return RosClient(config)

@@ -23,6 +23,7 @@ import csv
 import math
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -360,6 +361,7 @@ class GradientLearning:
             run: settings of the run.
 
         Raises:
+            FileNotFoundError: no policy to begin with.
             ValueError: a policy to begin with that observes something else than the task shows, or a task or vehicle
                 whose rides have no derivatives.
         """
@@ -371,7 +373,7 @@ class GradientLearning:
             raise ValueError("learning by gradients needs one vehicle on the compiled engine in this process")
         if start is not None and start.layout != task.layout:
             raise ValueError(f"policy {start.name!r} sees {start.layout.name!r}, the task {task.layout.name!r}")
-        self.run, self.settings, self.task, self._start = run, settings, task, start
+        self._run_settings, self.settings, self.task, self._start = run, settings, task, start
         self._config = run.compiled_simulator()
         rides = replace(RIDES, also=(*RIDES.also, SLOW)) if settings.impulse else RIDES
         self._rides = LinearRides(settings, task, rides, self._config, run.seed, STEEP)
@@ -463,9 +465,9 @@ class GradientLearning:
             "speed_range_m_s": list(SPEED_RANGES[-1]),
             "method": "gradient of its rides through the compiled engine",
             "begins_with": "nothing" if self._start is None else dict(self._start.training) or self._start.name,
-            "vehicle": self.run.vehicle,
-            "preset": self.run.preset.to_plain(),
-            "seed": self.run.seed,
+            "vehicle": self._run_settings.vehicle,
+            "preset": self._run_settings.preset.to_plain(),
+            "seed": self._run_settings.seed,
             "commit": self._commit,
             "segments": self.segments,
             "updates": self.segments * self.settings.updates,
@@ -475,49 +477,37 @@ class GradientLearning:
             "best_selection": {} if self.best is None else self.best._asdict(),
         }
 
+    def run(
+        self, out: Path, report: Callable[[GradientLearning, Comparison | None], None] = lambda *_: None
+    ) -> dict[str, Any]:
+        """Learn to the end, write the best actor and a table of all comparisons, and return the summary.
+
+        Args:
+            out: folder for GRADIENT_TABLE and GRADIENT_POLICY.
+            report: called after each segment, with the comparison that was made then.
+
+        Raises:
+            ValueError: the folder holds another run.
+        """
+        settings = self.settings
+        if (out / GRADIENT_TABLE).exists():
+            raise ValueError(f"{out} already holds a run; choose another folder")
+        out.mkdir(parents=True, exist_ok=True)
+        with closing(self), (out / GRADIENT_TABLE).open("w", newline="", encoding="utf-8") as file:
+            table = csv.writer(file)
+            table.writerow(["segment", "updates", "seconds", "cost", *Comparison._fields])
+            while self.segments < settings.segments:
+                self.learn()
+                found = None
+                if self.segments % settings.select_every == 0 or self.segments == settings.segments:
+                    found = self.compare()
+                    done = (self.segments, self.segments * settings.updates, round(self.seconds, 1))
+                    table.writerow([*done, self.last_cost, *found])
+                    file.flush()
+                    self.bundle().save(out / GRADIENT_POLICY)
+                report(self, found)
+        return self.summary()
+
     def close(self) -> None:
         """Release the engine."""
         self._rides.close()
-
-
-def learn_by_gradients(
-    run: RunSettings,
-    out: Path,
-    report: Callable[[GradientLearning, Comparison | None], None] = lambda *_: None,
-) -> dict[str, Any]:
-    """Learn an actor and write the best one, and a table of all comparisons.
-
-    Args:
-        run: settings of the run; its result depends on them alone.
-        out: folder for GRADIENT_TABLE and GRADIENT_POLICY.
-        report: called after each segment, with the comparison that was made then.
-
-    Returns:
-        The summary.
-
-    Raises:
-        FileNotFoundError: no policy to begin with.
-        ValueError: settings that do not fit together, or the folder holds another run.
-    """
-    if (out / GRADIENT_TABLE).exists():
-        raise ValueError(f"{out} already holds a run; choose another folder")
-    process = GradientLearning(run)
-    settings = process.settings
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        with (out / GRADIENT_TABLE).open("w", newline="", encoding="utf-8") as file:
-            table = csv.writer(file)
-            table.writerow(["segment", "updates", "seconds", "cost", *Comparison._fields])
-            while process.segments < settings.segments:
-                process.learn()
-                found = None
-                if process.segments % settings.select_every == 0 or process.segments == settings.segments:
-                    found = process.compare()
-                    done = (process.segments, process.segments * settings.updates, round(process.seconds, 1))
-                    table.writerow([*done, process.last_cost, *found])
-                    file.flush()
-                    process.bundle().save(out / GRADIENT_POLICY)
-                report(process, found)
-    finally:
-        process.close()
-    return process.summary()

@@ -1,4 +1,7 @@
-"""A learning process: learner, environments, curriculum, validations, recordings and checkpoints together."""
+"""A run of learning: learner, environments, curriculum, validations, recordings and checkpoints together.
+
+`run` is what `bike train` and whoever runs many of them call, from settings to summary.
+"""
 
 from __future__ import annotations
 
@@ -28,11 +31,13 @@ from bike_training.envs.env import BikeEnv
 from bike_training.envs.node_process import NodeLost
 from bike_training.envs.vec_env import BatchVecEnv, SimulatorVecEnv
 from bike_training.interruption import signals_handled
-from bike_training.learning.checkpoint import Checkpoint, holds_run, save_checkpoint
+from bike_training.learning.checkpoint import Checkpoint, find_checkpoint, holds_run, save_checkpoint
 from bike_training.learning.learner import AveragedActor, actor_tensors, build_model
-from bike_training.learning.progress import Progress, summarise
-from bike_training.learning.run_settings import TRAINING_DRAWS, VALIDATION_DRAWS, RunSettings, draws
+from bike_training.learning.presets import GradientSettings
+from bike_training.learning.progress import Progress
+from bike_training.learning.run_settings import TRAINING_DRAWS, VALIDATION_DRAWS, RunSettings, draws, source_commit
 from bike_training.learning.validation import SideBySide, keep, ride_side_by_side
+from bike_training.settings import to_plain
 from bike_training.tasks.base import Task
 
 if TYPE_CHECKING:
@@ -307,7 +312,25 @@ class LearningProcess(BaseCallback):
 
     def summary(self) -> dict[str, Any]:
         """Return what the run did so far as plain values."""
-        return summarise(self.settings, self.progress, self.model)
+        settings, progress, model = self.settings, self.progress, self.model
+        return {
+            "vehicle": settings.vehicle,
+            "preset": settings.preset.to_plain(),
+            "seed": settings.seed,
+            "stages": progress.stages,
+            "commit": source_commit(),
+            "steps": model.num_timesteps,
+            "updates": model._n_updates,
+            "seconds": round(progress.seconds, 1),
+            "part": progress.curriculum.part,
+            "finished_at_step": progress.curriculum.finished_at,
+            "finished_after_s": progress.finished_after,
+            "success_step": progress.success_step,
+            "best_step": progress.best_step,
+            f"best_selection_{'excess' if settings.superbike else 'rms_m'}": (
+                round(progress.best_error_m, 5) if progress.best else None
+            ),
+        }
 
     def words(self) -> str:
         """Return in a few words how far the curriculum is, and what the last validation came to."""
@@ -399,3 +422,63 @@ class LearningProcess(BaseCallback):
         curriculum = self.progress.curriculum
         episodes = curriculum.episodes(step)
         return Standing(step, curriculum.part, episodes if isinstance(episodes, RideRanges) else None)
+
+
+SETTINGS_FILE: Final = "settings.json"
+
+
+def run(
+    settings: RunSettings,
+    out: Path,
+    report: Callable[[LearningProcess], None] | None = None,
+    resume: bool = False,
+) -> dict[str, Any]:
+    """Learn until the run has ended or is stopped.
+
+    Args:
+        settings: of the run; its result depends on them alone.
+        out: its folder.
+        report: called after each step of all vehicles, to show progress.
+        resume: go on from the checkpoint in ``out``.
+
+    Returns:
+        The summary, as in ``run.json``, with ``interrupted``: whether a signal stopped the run before its end.
+
+    Raises:
+        FileNotFoundError: nothing to resume from, or an unknown vehicle.
+        ValueError: the folder holds another run, what it holds cannot be read, or settings that do not fit together.
+        NodeLost: a simulator behind ROS did not start or was lost.
+    """
+    if isinstance(settings.preset.learner, GradientSettings):
+        raise ValueError(f"preset {settings.preset.name!r} learns by gradients; see `GradientLearning`")
+    interrupted = False
+    try:
+        with contextlib.closing(LearningProcess(settings, out, settings.preset.sac.steps, resume=resume)) as process:
+            # Only now: nothing stays of a run that cannot be.
+            write_whole(out / SETTINGS_FILE, json.dumps(to_plain(settings), indent=1))
+            try:
+                process.run(report)
+            except KeyboardInterrupt:
+                interrupted = True
+    except NodeLost as error:
+        if find_checkpoint(out) is None:
+            raise
+        raise NodeLost(f"{error}; go on from the checkpoint in {out} with --resume") from error
+    return process.summary() | {"interrupted": interrupted}
+
+
+def stored_settings(out: Path) -> RunSettings:
+    """Return the settings of the run in a folder.
+
+    Raises:
+        FileNotFoundError: it holds none. ValueError: they cannot be read.
+    """
+    path = out / SETTINGS_FILE
+    if not path.is_file():
+        raise FileNotFoundError(f"{out} holds no run to resume ({path.name} is missing)")
+    try:
+        return RunSettings.from_plain(json.loads(path.read_text(encoding="utf-8")))
+    except ValueError as error:
+        raise ValueError(
+            f"{path} cannot be read ({error}); it is damaged, or another version of this software wrote it"
+        ) from error

@@ -1,4 +1,4 @@
-"""Progress of a learning run, and the tables and the summary that it writes."""
+"""Progress of a learning run, and the tables that it writes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -15,13 +15,6 @@ from bike_policy.contract.bundle import Actor
 from bike_training.arguments import write_whole
 from bike_training.curricula.base import Curriculum
 from bike_training.learning.learner import AveragedActor
-from bike_training.learning.run_settings import source_commit
-
-if TYPE_CHECKING:
-    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-
-    from bike_training.learning.run_settings import RunSettings
-
 
 _ACTORS: Final = ("latest_success", "best")
 _APART: Final = ("curriculum", "averaged", "rng", *_ACTORS)
@@ -160,25 +153,3 @@ def chosen_actor(stored: Mapping[str, Any], which: str, steps: int) -> tuple[Act
     if which in ("best", "success"):
         return stored_actor(stored, "latest_success"), "success", stored["success_step"]
     return stored_actor(stored, "averaged"), "last", steps  # none before learning began
-
-
-def summarise(settings: RunSettings, progress: Progress, model: OffPolicyAlgorithm) -> dict[str, Any]:
-    """Return what a run did so far as plain values."""
-    return {
-        "vehicle": settings.vehicle,
-        "preset": settings.preset.to_plain(),
-        "seed": settings.seed,
-        "stages": progress.stages,
-        "commit": source_commit(),
-        "steps": model.num_timesteps,
-        "updates": model._n_updates,
-        "seconds": round(progress.seconds, 1),
-        "part": progress.curriculum.part,
-        "finished_at_step": progress.curriculum.finished_at,
-        "finished_after_s": progress.finished_after,
-        "success_step": progress.success_step,
-        "best_step": progress.best_step,
-        f"best_selection_{'excess' if settings.superbike else 'rms_m'}": (
-            round(progress.best_error_m, 5) if progress.best else None
-        ),
-    }

@@ -9,7 +9,7 @@ import secrets
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -79,12 +79,15 @@ def ray_cluster(out: Path, address: str | None, cores: int | None) -> Iterator[A
             ray.init(address=address, **options)
         except (ConnectionError, RuntimeError, ValueError) as error:
             raise ConnectionError(f"--address {address}: no Ray cluster answers ({first_line(error)})") from None
-        yield from _with_signals(ray)
-        return
-    with _scratch(out) as scratch:
-        options |= {"num_cpus": cores or os.cpu_count(), "object_store_memory": OBJECT_STORE, "_temp_dir": scratch}
-        _start(ray, options)
-        yield from _with_signals(ray)
+    with nullcontext() if address is not None else _scratch(out) as scratch:
+        if address is None:
+            options |= {"num_cpus": cores or os.cpu_count(), "object_store_memory": OBJECT_STORE, "_temp_dir": scratch}
+            _start(ray, options)
+        try:
+            with signals_handled(interrupt):  # as before Ray began, which puts handlers of its own in their place
+                yield ray
+        finally:
+            ray.shutdown()
 
 
 def _start(ray: Any, options: Mapping[str, Any]) -> None:
@@ -106,15 +109,6 @@ def _start(ray: Any, options: Mapping[str, Any]) -> None:
                     child.kill()
             if attempt == START_ATTEMPTS:
                 raise ConnectionError(f"Ray did not start on this machine ({first_line(error)})") from error
-
-
-def _with_signals(ray: Any) -> Iterator[Any]:
-    """Yield Ray and end it; signals are handled as before it began, for it puts handlers of its own in their place."""
-    try:
-        with signals_handled(interrupt):
-            yield ray
-    finally:
-        ray.shutdown()
 
 
 def _worker_environment() -> dict[str, str]:

@@ -139,7 +139,7 @@ class TrainJob:
     def run(self, folder: Path, report: Report) -> tuple[dict[str, Any], bool]:
         """Learn, or go on from the checkpoint in the folder."""
         from bike_training.learning.checkpoint import find_checkpoint
-        from bike_training.learning.run import run
+        from bike_training.learning.process import run
 
         def watch(process: LearningProcess) -> None:
             steps = process.model.num_timesteps

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar, Final
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -200,8 +200,7 @@ class RaceTask(Task):
         return float(np.mean(errors) + np.sum(~whole))
 
 
-@dataclass(frozen=True)
-class RaceContext:
+class RaceContext(NamedTuple):
     """Context of an episode (V), as `ResetRequest.context` carries it.
 
     Attributes:
@@ -218,14 +217,10 @@ class RaceContext:
     share: float = 1.0
     number: float = 0.0
 
-    def to_request(self) -> tuple[float, ...]:
-        """Return it as numbers."""
-        return (self.d_median, self.d_ideal, self.v_max, self.share, self.number)
-
     @classmethod
     def of(cls, request: ResetRequest) -> RaceContext | None:
         """Return that of a request, or None where it holds none."""
-        return cls(*request.context) if len(request.context) == len(fields(cls)) else None
+        return cls(*request.context) if len(request.context) == len(cls._fields) else None
 
 
 class RaceState(TaskState):
