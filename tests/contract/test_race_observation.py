@@ -62,7 +62,7 @@ def reference(seed=0, sign=1.0):
     rng = np.random.default_rng(seed)
     curvature, speed = sign * 0.01 * rng.normal(size=501), rng.uniform(15.0, 80.0, 501)
     curvature[-1], speed[-1] = curvature[0], speed[0]
-    return Reference(5.0, curvature, speed)
+    return Reference(5.0, np.stack((curvature, speed), axis=1))
 
 
 def memory_of(layout, rows, sign=1.0, actions=()):
@@ -157,8 +157,8 @@ def test_a_reference_is_sampled_linearly_around_the_lap(progress, share, cap):
     s = np.arange(501) * plan.spacing
     curvature, speed = rows.at(np.array([0.0, progress]))
     at = progress % 2500.0
-    assert curvature[1] == pytest.approx(np.interp(at, s, plan.curvature), abs=1e-9)
-    assert speed[1] == pytest.approx(min(cap, share * np.interp(at, s, plan.speed)), abs=1e-7)
+    assert curvature[1] == pytest.approx(np.interp(at, s, plan.table[:, 0]), abs=1e-9)
+    assert speed[1] == pytest.approx(min(cap, share * np.interp(at, s, plan.table[:, 1])), abs=1e-7)
     many, _ = rows.at(np.full((2, 4), progress))
     np.testing.assert_array_equal(many[1], np.full(4, curvature[1]))
 
@@ -166,9 +166,9 @@ def test_a_reference_is_sampled_linearly_around_the_lap(progress, share, cap):
 @given(grip=st.floats(0.3, 1.3), place=st.floats(0.0, 1000.0))
 def test_an_adaptive_reference_asks_for_the_speed_of_the_inferred_grip(grip, place):
     rows, plan = ReferenceRows(2, adaptive=True), reference(5)
-    slower = np.stack([plan.speed * part for part in (0.95, 0.9, 0.8)], axis=1)
+    slower = plan.table[:, 1:] * (0.95, 0.9, 0.8)
     for row in range(2):
-        rows.begin(row, plan._replace(slower=slower))
+        rows.begin(row, plan._replace(table=np.hstack((plan.table, slower))))
     rows.grip[1] = grip
     curvature, speed = rows.at(np.full(2, place))
     assert curvature[0] == curvature[1]
@@ -183,8 +183,7 @@ def test_however_many_lines_come_and_go_each_row_sees_its_own(seed):
     rng = np.random.default_rng(seed)
     rows, count = ReferenceRows(3), 2 * KEPT
     lines = [
-        Reference(5.0, np.full(size, float(k)), np.full(size, 1.0 + k))
-        for k, size in enumerate(rng.integers(3, 50, count))
+        Reference(5.0, np.tile((float(k), 1.0 + k), (size, 1))) for k, size in enumerate(rng.integers(3, 50, count))
     ]
     followed = [0, 1, 2]
     for row in range(3):

@@ -137,8 +137,8 @@ def test_layouts_that_show_the_map_are_refused() -> None:
 
 
 def ridden(weights: Weights, actor: MirrorSymmetricActor) -> Segment:
-    """Return a segment of rides some of which are ridden late."""
-    rides = LinearRides(replace(SMALL, delay=2), TASK, REFINEMENT, COMPILED, seed=4)
+    """Return a segment of rides."""
+    rides = LinearRides(SMALL, TASK, REFINEMENT, COMPILED, seed=4)
     segment = rides.ride(actor.folded(weights), 16, push=0.0)
     rides.close()
     return Segment(*(jnp.asarray(part) for part in segment))
@@ -153,9 +153,8 @@ def test_the_cost_of_a_changed_actor_is_that_of_its_ride_to_first_order(monkeypa
     weights[-1] = (weights[-1][0] * 30.0, weights[-1][1])  # a new network hardly steers
     segment = ridden(weights, actor)
     assert float(segment.whole.min()) == 1.0
-    assert set(np.asarray(segment.late[0]).tolist()) == {0, 1, 2}
     none = jnp.zeros((16, 6, 6))
-    judged = jax.jit(lambda changed, held, rides: cost(settings, actor, changed, held, rides, none, none))
+    judged = jax.jit(lambda changed, held, rides: cost(settings, actor, changed, held, rides, none))
 
     def first_order(changed: Weights) -> float:
         return float(judged(changed, weights, segment))

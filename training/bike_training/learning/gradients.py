@@ -43,7 +43,7 @@ from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training.curricula.parts import REFINEMENT, SPEED_RANGES, PartsCurriculum, RideRanges
-from bike_training.learning.linear_rides import DEVIATIONS, SENSORS, LinearRides, Segment, push_sideways
+from bike_training.learning.linear_rides import DEVIATIONS, LinearRides, Segment, push_sideways
 from bike_training.learning.presets import GradientSettings
 from bike_training.learning.run_settings import GRADIENT_POLICY, GRADIENT_TABLE, RunSettings, source_commit
 from bike_training.learning.validation import ride_side_by_side
@@ -153,7 +153,6 @@ def cost(
     held: Weights,
     segment: Segment,
     away: jax.Array,
-    errors: jax.Array,
 ) -> jax.Array:
     """Return the mean logarithm of the costs of linearised rides, ridden by an actor.
 
@@ -164,9 +163,8 @@ def cost(
         held: of the one that rides the last periods of the segment.
         segment: rides of an actor close to it.
         away: deviations that the rides are given before each period, shape (periods, bicycles, 6).
-        errors: of the sensors, as deviations, the same shape.
     """
-    ridden = _ride_on(settings, actor, weights, held, segment, away, errors)
+    ridden = _ride_on(settings, actor, weights, held, segment, away)
     error, roll = ridden["error"], ridden["roll"]
     total = jnp.sqrt(error**2 + settings.knee**2) - settings.knee
     total += settings.square * error**2 / (1.0 + jnp.abs(error))
@@ -186,7 +184,6 @@ def _ride_on(
     held: Weights,
     segment: Segment,
     away: jax.Array,
-    errors: jax.Array,
 ) -> dict[str, jax.Array]:
     """Ride linearised rides with an actor; see :func:`cost`.
 
@@ -197,11 +194,10 @@ def _ride_on(
 
     def period(weights: Weights, carry: Any, part: Any) -> tuple[Any, dict[str, jax.Array]]:
         deviation, sent = carry
-        step, given, error = part
+        step, given = part
         deviation = deviation + given
-        seen = step.seen + jnp.einsum("nij,nj->ni", step.sight, deviation + error)
-        sent = jnp.concatenate([actor.act(weights, seen)[None], sent])
-        acting = jnp.take_along_axis(sent, step.late[None], axis=0)[0]
+        seen = step.seen + jnp.einsum("nij,nj->ni", step.sight, deviation)
+        acting = actor.act(weights, seen)
         moved = jnp.concatenate([deviation, (acting - step.commands)[:, None]], axis=1)
         deviation = jnp.einsum("nij,nj->ni", step.motion, moved)
         found = {
@@ -209,12 +205,12 @@ def _ride_on(
             "steer_rate": step.steer_rate + deviation[:, 5],
             "roll": step.roll + deviation[:, 2],
             "steer": step.steer + deviation[:, 3],
-            "change": sent[0] - sent[1],
+            "change": acting - sent,
         }
-        return (deviation, sent[:-1]), found
+        return (deviation, acting), found
 
     # What is carried is not of a period.
-    parts = (segment._replace(sent=segment.commands), away, errors)
+    parts = (segment._replace(sent=segment.commands), away)
     live = segment.commands.shape[0] - settings.tail
     carry = (jnp.zeros_like(away[0]), segment.sent)
     carry, found = jax.lax.scan(
@@ -423,20 +419,20 @@ class GradientLearning:
         segment = Segment(*(jnp.asarray(part) for part in self.ridden))
         for _ in range(settings.updates):
             self._weights, self._mean, self._moments, value = self._update(
-                self._weights, self._mean, self._moments, held, (segment, *self._draws_of(segment)), self.rate
+                self._weights, self._mean, self._moments, held, (segment, self._draws_of(segment)), self.rate
             )
         self.segments += 1
         self.last_cost = float(value)
         self.seconds += time.monotonic() - began
 
-    def _draws_of(self, segment: Segment) -> tuple[Float32Array, Float32Array]:
-        """Return deviations that the rides are given, seldom and of all sizes, and errors of their sensors."""
-        shape = (*segment.noise.shape, len(DEVIATIONS))
+    def _draws_of(self, segment: Segment) -> Float32Array:
+        """Return deviations that the rides are given, seldom and of all sizes."""
+        shape = (*segment.commands.shape, len(DEVIATIONS))
         often = self._draws.random((*shape[:2], 1)) < _OFTEN
         size = _SMALLEST ** self._draws.random((*shape[:2], 1)) * often
         away = self._draws.standard_normal(shape) * size * _DEVIATION
-        errors = np.asarray(segment.noise)[..., None] * SENSORS * self._draws.standard_normal(shape)
-        return away.astype(np.float32), errors.astype(np.float32)
+        self._draws.standard_normal(shape)  # passed over: the shipped policy was learned with as many draws
+        return away.astype(np.float32)
 
     def compare(self) -> Comparison:
         """Evaluate the averaged actor, and remember it if it is the best so far."""

@@ -34,8 +34,6 @@ DEVIATIONS: Final = ("lateral", "heading", "roll", "steer", "roll_rate", "steer_
 LATERAL, HEADING = 0, 1
 FREE: Final = (st.ROLL, st.STEER, st.ROLL_RATE, st.STEER_RATE)
 """Coordinates of the other deviations."""
-SENSORS: Final = np.array([0.02, 0.0, 0.0087, 0.0, 0.035, 0.035])
-"""Standard deviations of what sensors of a modest bicycle add to the deviations (the disturbances ``noise``)."""
 INNER: Final = ("roll", "steer", "roll_rate", "steer_rate")
 """The features that show them."""
 
@@ -49,12 +47,10 @@ class Segment(NamedTuple):
     """Rides of a number of bicycles over a number of control periods; leading dimensions (periods, bicycles).
 
     Attributes:
-        sent: the last answers before the segment, the newest first, shape (largest delay + 1, bicycles).
-        seen: observations before each period, without noise, shape (..., k).
+        sent: the last answers before the segment, shape (bicycles,).
+        seen: observations before each period, shape (..., k).
         sight: their derivatives by the deviations of the same instant, shape (..., k, 6).
         commands: set points of the steering angle that acted, in parts of the largest.
-        late: control periods by which answers act late.
-        noise: of sensors, in parts of SENSORS.
         error: lateral error after each period, m.
         steer_rate: after it, rad/s.
         roll: after it, rad.
@@ -68,8 +64,6 @@ class Segment(NamedTuple):
     seen: Float32Array
     sight: Float32Array
     commands: Float32Array
-    late: NDArray[np.int32]
-    noise: Float32Array
     error: Float32Array
     steer_rate: Float32Array
     roll: Float32Array
@@ -212,7 +206,7 @@ class LinearRides:
             episodes: distribution of rides.
             config: of the compiled engine.
             seed: of all draws.
-            starts: of the steep share of the rides, which begin anew with every segment, without a push or a delay.
+            starts: of the steep share of the rides, which begin anew with every segment, without a push.
         """
         count = settings.bicycles
         self.batch, self.task = Batch(count, config, task.preview), task
@@ -220,24 +214,17 @@ class LinearRides:
         self._starts, self._starting = starts, round(settings.steep * count)
         self._rng = np.random.default_rng(seed)
         self._settings, self._period = settings, config.time_step * config.substeps
-        self._late, self._noise = np.zeros(count, dtype=np.int32), np.zeros(count)
-        self._sent = np.zeros((settings.delay + 1, count))
+        self._sent = np.zeros(count)
         for row in range(count):
             self._begin(row)
         # They end one after the other.
         self._age = self._rng.integers(0, task.max_steps, size=count)
 
     def _begin(self, row: int) -> None:
-        self._sent[:, row] = 0.0
-        if self._starts is not None and row < self._starting:
-            self.batch.reset(row, self._starts.draw(self._rng, self.task.preview))
-            return
-        self.batch.reset(row, self._episodes.draw(self._rng, self.task.preview))
-        settings = self._settings
-        if settings.delay:
-            self._late[row] = self._rng.integers(2) * self._rng.integers(1, settings.delay + 1)
-        if settings.noise:
-            self._noise[row] = self._rng.integers(2) * self._rng.uniform(0.0, settings.noise)
+        self._sent[row] = 0.0
+        steep = self._starts if row < self._starting else None
+        episodes = steep or self._episodes
+        self.batch.reset(row, episodes.draw(self._rng, self.task.preview))
 
     def ride(self, actor: Actor, periods: int, push: float) -> Segment:
         """Ride on for a number of control periods.
@@ -257,7 +244,6 @@ class LinearRides:
         sent = self._sent.astype(np.float32)
         rows: list[Segment] = []
         whole = np.ones(count, dtype=np.bool_)
-        commands = np.zeros((count, 2))
         for _ in range(periods):
             struck = self._rng.random(count) < self._period / 2.0
             draws = push * self._rng.standard_normal((count, 2)) * struck[:, None]
@@ -267,7 +253,9 @@ class LinearRides:
                 self._hit(whole)
             seen = task.layout.observe(batch)
             sight = (self._sight.slopes(batch.preview_x) * whole[:, None, None]).astype(np.float32)
-            commands[:, 0] = self._answer(actor, seen, sight)
+            speed = batch.look[:, lk.SPEED]
+            commands = task.action.to_commands(actor.act_batch(seen), batch.vehicle.max_steer, speed)
+            self._sent = commands[:, 0]
             motion = motion_slopes(batch, commands[:, 0]) * whole[:, None, None]
             batch.step(commands)
             rows.append(
@@ -276,8 +264,6 @@ class LinearRides:
                     seen=seen,
                     sight=sight,
                     commands=commands[:, 0].astype(np.float32),
-                    late=self._late.copy(),
-                    noise=self._noise.astype(np.float32),
                     error=batch.look[:, lk.LATERAL_ERROR].astype(np.float32),
                     steer_rate=batch.state[:, st.STEER_RATE].astype(np.float32),
                     roll=batch.state[:, st.ROLL].astype(np.float32),
@@ -300,17 +286,6 @@ class LinearRides:
         hit[: self._starting] = False
         for row in np.flatnonzero(hit):
             push_sideways(self.batch, int(row), self._settings.impulse * self._rng.uniform(-1.0, 1.0))
-
-    def _answer(self, actor: Actor, shown: Float32Array, sight: Float32Array) -> FloatArray:
-        """Return the commands that act in a period, after the actor has answered what it was shown."""
-        if self._settings.noise:
-            errors = self._noise[:, None] * SENSORS * self._rng.standard_normal((len(shown), len(DEVIATIONS)))
-            shown = shown + np.einsum("nij,nj->ni", sight, errors.astype(np.float32))
-        speed = self.batch.look[:, lk.SPEED]
-        answers = self.task.action.to_commands(actor.act_batch(shown), self.batch.vehicle.max_steer, speed)[:, 0]
-        self._sent = np.vstack([answers, self._sent[:-1]])
-        late: FloatArray = np.take_along_axis(self._sent, self._late[None], axis=0)[0]
-        return late
 
     def close(self) -> None:
         """Release the engine."""

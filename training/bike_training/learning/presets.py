@@ -126,8 +126,6 @@ class GradientSettings(Settings):
         risky: weight that rides get besides that of every ride which lean beyond 38 deg or fail. A fall ends what its
             ride costs, so without it falls count no more than a swing on a straight.
         push: rates that pushes leave in the rides, rad/s.
-        delay: largest by which commands act late in a half of the rides, control periods.
-        noise: largest of the sensors in a half of the rides, in parts of the disturbances ``noise``.
         impulse: largest sideways push on a half of the rides, N s. Where it is not 0, a quarter of the rides are SLOW
             and actors are compared under pushes as well.
         steep: share of the bicycles that begin each segment on STEEP. Where it is not 0, actors are compared on such
@@ -142,7 +140,7 @@ class GradientSettings(Settings):
         "averaging": MOST_AVERAGING,
         **dict.fromkeys(("learning_rate", "final_learning_rate", "knee"), POSITIVE),
         **dict.fromkeys(("square", "steer_rate", "change", "lean", "steer", "risky"), AT_LEAST_0),
-        **dict.fromkeys(("push", "delay", "noise", "impulse"), AT_LEAST_0),
+        **dict.fromkeys(("push", "impulse"), AT_LEAST_0),
     }
 
     learner: str = "gradients"
@@ -163,8 +161,6 @@ class GradientSettings(Settings):
     steer: float = 0.0
     risky: float = 0.0
     push: float = 0.1
-    delay: int = 0
-    noise: float = 0.0
     impulse: float = 0.0
     steep: float = 0.0
     select_every: int = 25

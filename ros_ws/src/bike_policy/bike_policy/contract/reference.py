@@ -6,14 +6,13 @@ state. Observation and reward look both up here, so that they mean the same refe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Final, Generic, NamedTuple, TypeVar
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
-LineT = TypeVar("LineT")
 
 KEPT: Final = 64
 """Lines that are kept: a training on three circuits with 21 lines each plans each of them once.
@@ -27,8 +26,21 @@ OPEN: Final = 1000.0
 """Speed limit of a ride without one, m/s: finite, so that it passes through every file and message."""
 
 
-class LineTables(Generic[LineT]):
-    """Tables one behind another; rows on the same line share one, and lines not ridden for the longest go.
+class Reference(NamedTuple):
+    """A closed followed line, sampled evenly; the last sample repeats the first.
+
+    Attributes:
+        spacing: distance of the samples, m.
+        table: curvature (1/m, positive turning left), planned speed on the known road (m/s) and, where references
+            follow the inferred grip, on each of `GRIPS` but the first, shape (samples, columns).
+    """
+
+    spacing: float
+    table: FloatArray
+
+
+class LineTables:
+    """Tables of lines one behind another; rows on the same line share one, and lines not ridden for the longest go.
 
     Attributes:
         samples: of all tables, shape (m, columns).
@@ -37,68 +49,39 @@ class LineTables(Generic[LineT]):
         spacing: of its samples, m.
     """
 
-    def __init__(self, count: int, blank: Sequence[float], table_of: Callable[[LineT], FloatArray]) -> None:
-        """Make room for a number of rows.
-
-        Args:
-            count: of rows.
-            blank: sample that rows have before they begin.
-            table_of: makes the table of a line, shape (samples, columns).
-        """
+    def __init__(self, count: int, blank: Sequence[float]) -> None:
+        """Make room for a number of rows, which have a blank sample before they begin."""
         self.samples: FloatArray = np.array([blank, blank])
         self.offset, self.last = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
         self.spacing = np.ones(count)
-        self._blank, self._table_of = self.samples, table_of
+        self._blank = self.samples
         # By identity: a line is planned once and then handed out again; keeping it keeps its id from being reused.
-        self._tables: dict[int, tuple[LineT, FloatArray]] = {}
+        self._lines: dict[int, Any] = {}
         self._first: dict[int, int] = {}
         self._followed: dict[int, int] = {}
 
-    def begin(self, row: int, line: LineT, spacing: float) -> None:
-        """Let a row follow a line from now on, whose samples are `spacing` apart, m."""
+    def begin(self, row: int, line: Any) -> None:
+        """Let a row follow a line from now on, which has ``spacing`` and ``table`` as a `Reference`."""
         key = id(line)
-        known = self._tables.pop(key, None)
-        table = self._table_of(line) if known is None else known[1]
-        self._tables[key] = line, table  # at the end: the first is the one that was not asked for the longest
+        known = self._lines.pop(key, None)
+        self._lines[key] = line  # at the end: the first is the one that was not asked for the longest
         self._followed[row] = key
         if known is None:
             self._lay()
-        self.offset[row], self.last[row], self.spacing[row] = self._first[key], len(table) - 2, spacing
+        self.offset[row], self.last[row], self.spacing[row] = self._first[key], len(line.table) - 2, line.spacing
 
     def _lay(self) -> None:
         """Lay all tables anew, without those beyond `KEPT` that no row follows."""
         followed = set(self._followed.values())
-        spare = [key for key in self._tables if key not in followed]
-        for key in spare[: max(len(self._tables) - KEPT, 0)]:
-            del self._tables[key]
-        tables = [self._blank, *(table for _, table in self._tables.values())]
+        spare = [key for key in self._lines if key not in followed]
+        for key in spare[: max(len(self._lines) - KEPT, 0)]:
+            del self._lines[key]
+        tables = [self._blank, *(line.table for line in self._lines.values())]
         self.samples = np.concatenate(tables)
         places = np.cumsum([len(table) for table in tables]).tolist()
-        self._first = dict(zip(self._tables, places, strict=False))
+        self._first = dict(zip(self._lines, places, strict=False))
         for row, key in self._followed.items():
             self.offset[row] = self._first[key]
-
-
-class Reference(NamedTuple):
-    """A closed followed line, sampled evenly; the last sample repeats the first.
-
-    Attributes:
-        spacing: distance of the samples, m.
-        curvature: 1/m, positive turning left.
-        speed: planned speed on the known road, m/s.
-        slower: planned speeds on each of `GRIPS` but the first, m/s, shape (samples, 3); None where they are not
-            followed.
-    """
-
-    spacing: float
-    curvature: FloatArray
-    speed: FloatArray
-    slower: FloatArray | None = None
-
-    def table(self) -> FloatArray:
-        """Return curvature and speeds as columns."""
-        columns = [self.curvature, self.speed, *([] if self.slower is None else self.slower.T)]
-        return np.stack(columns, axis=1)
 
 
 class ReferenceRows:
@@ -122,8 +105,7 @@ class ReferenceRows:
         self.cap = np.full(count, OPEN)
         self.grip = np.ones(count)
         self._adaptive = adaptive
-        blank = (0.0, *np.ones(len(GRIPS) if adaptive else 1))
-        self.lines = LineTables[Reference](count, blank, Reference.table)
+        self.lines = LineTables(count, (0.0, *np.ones(len(GRIPS) if adaptive else 1)))
 
     def begin(self, row: int, reference: Reference, share: float = 1.0, cap: float = OPEN) -> None:
         """Let a row follow a line from now on.
@@ -135,16 +117,11 @@ class ReferenceRows:
             cap: speed limit, m/s.
 
         Raises:
-            ValueError: a reference, share or limit that means nothing.
+            ValueError: a share or limit that means nothing.
         """
-        if len(reference.curvature) != len(reference.speed) or len(reference.speed) < 3:
-            raise ValueError(
-                f"a reference needs as many curvatures as speeds, at least 3, got {len(reference.curvature)} and "
-                f"{len(reference.speed)}"
-            )
         if not share > 0.0 or not cap > 0.0:
             raise ValueError(f"share of the planned speed and speed limit must be positive, got {share!r} and {cap!r}")
-        self.lines.begin(row, reference, reference.spacing)
+        self.lines.begin(row, reference)
         self.share[row], self.cap[row] = share, cap
 
     def at(self, progress: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -259,13 +259,9 @@ def references_of(vehicle: Superbike, adaptive: bool = False) -> Callable[[Cours
     @lru_cache(maxsize=KEPT)
     def reference(line: Course) -> Reference:
         profile = plan_lap(vehicle, line, REFERENCE)
-        found = Reference(float(profile.s[1]), smooth_curvature(profile, REFERENCE.smoothing), profile.speed)
-        if not adaptive:
-            return found
-        cap, slower = profile.speed[:-1], []
-        for grip in GRIPS[1:]:
-            slower.append(plan_lap(on_grip(vehicle, grip), line, REFERENCE, cap).speed)
-            cap = slower[-1][:-1]
-        return found._replace(slower=np.stack(slower, axis=1))
+        columns = [smooth_curvature(profile, REFERENCE.smoothing), profile.speed]
+        for grip in GRIPS[1:] if adaptive else ():
+            columns.append(plan_lap(on_grip(vehicle, grip), line, REFERENCE, columns[-1][:-1]).speed)
+        return Reference(float(profile.s[1]), np.stack(columns, axis=1))
 
     return reference

@@ -176,12 +176,12 @@ class LineLaw:
         )
         engine = np.array([engine_force(vehicle, float(speed)) for speed in self.leans.speeds])
         self._tables: Tables = (self.leans.table, self.leans.speeds, self.leans.leans, engine)
-        self._lines = LineTables[LinePlan](count, [0.0] * len(PLAN), lambda plan: plan.table)
+        self._lines = LineTables(count, [0.0] * len(PLAN))
         self.memory = np.zeros((count, len(MEMORY)))
 
     def begin(self, row: int, plan: LinePlan) -> None:
         """Let a ride follow a plan from now on, without a past."""
-        self._lines.begin(row, plan, plan.spacing)
+        self._lines.begin(row, plan)
         self.memory[row] = 0.0
 
     def change(self, row: int, plan: LinePlan, observed: FloatArray) -> None:
@@ -193,7 +193,7 @@ class LineLaw:
             observed: of the ride, shape (SEEN,).
         """
         before = _at(self._plans, row, P_SPEED, observed[PROGRESS])
-        self._lines.begin(row, plan, plan.spacing)
+        self._lines.begin(row, plan)
         after = _at(self._plans, row, P_SPEED, observed[PROGRESS])
         self.memory[row, PACE] = (1.0 + self.memory[row, PACE]) * before / max(after, 1.0) - 1.0
 
