@@ -85,18 +85,6 @@ def test_unknown_policy_lists_the_shipped_ones():
         load_bundle("no_such_policy")
 
 
-@pytest.mark.parametrize(
-    ("entry", "value", "message"),
-    [("format", 99, "format 99"), ("layout", {}, "missing entries"), ("action", {"meaning": "throttle"}, "action")],
-)
-def test_foreign_card_is_refused(bundle, tmp_path, entry, value, message):
-    bundle.save(tmp_path)
-    card = yaml.safe_load((tmp_path / "card.yaml").read_text())
-    (tmp_path / "card.yaml").write_text(yaml.safe_dump({**card, entry: value}))
-    with pytest.raises(ValueError, match=message):
-        load_bundle(tmp_path)
-
-
 @given(junk=st.binary(max_size=300))
 def test_junk_weights_give_one_clear_error(junk, tmp_path_factory):
     folder = tmp_path_factory.mktemp("policy")
@@ -119,24 +107,16 @@ def test_wrong_sizes_and_values_are_refused(bundle):
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("part", ["weight", "bias"])
-def test_weights_that_overflow_are_refused_in_one_line(bundle, tmp_path, part):
+@pytest.mark.parametrize(
+    ("kind", "value", "message"),
+    [("f4", 1e38, r"layer 0 holds a weight of 1e\+38, beyond 1e\+06$"), ("f8", 1e300, "holds values that are not fin")],
+)
+def test_weights_that_overflow_are_refused_in_one_line(bundle, tmp_path, part, kind, value, message):
     bundle.save(tmp_path)
-    tensors = bundle.actor.tensors()
-    tensors[f"layers.0.{part}"].flat[0] = 1e38
+    tensors = {name: tensor.astype(kind) for name, tensor in bundle.actor.tensors().items()}
+    tensors[f"layers.0.{part}"].flat[0] = value
     save_file(tensors, tmp_path / "actor.safetensors")
-    with pytest.raises(ValueError, match=r"actor layer 0 holds a weight of 1e\+38, beyond 1e\+06$"):
-        load_bundle(tmp_path)
-
-
-@given(action=st.floats(-1, 1), max_steer=st.floats(0.01, 3.0))
-def test_command_stays_in_range_and_mirrors(action, max_steer):
-    scale = ActionLayout.steering(max_steer)
-    command, throttle = scale.to_command([action], 1.2, 5.0)
-    assert -1.0 <= command <= 1.0
-    assert throttle == 0.0
-    assert scale.to_command([-action], 1.2, 5.0) == (-command, 0.0)
-    if abs(command) < 1.0:
-        assert command * 1.2 == pytest.approx(action * max_steer)
+    check_refused(tmp_path, message)
 
 
 @pytest.mark.parametrize("name", shipped_policies())
@@ -192,6 +172,9 @@ def test_evil_cards_are_refused_in_one_short_line(bundle, tmp_path, text, messag
 @pytest.mark.parametrize(
     ("entry", "value", "message"),
     [
+        ("format", 99, "format 99"),
+        ("layout", {}, "missing entries"),
+        ("action", {"meaning": "throttle"}, "action"),
         ("name", "a\x1b[2J", "name of the card .* cannot be shown"),
         ("name", "x" * 201, "name of the card has 201 characters, at most 200"),
         ("vehicle", ["whipple"], "vehicle of the card must be text, got a list"),
@@ -211,15 +194,6 @@ def test_evil_entries_of_a_card_are_named(bundle, tmp_path, entry, value, messag
     card = yaml.safe_load((tmp_path / "card.yaml").read_text())
     (tmp_path / "card.yaml").write_text(yaml.safe_dump({**card, entry: value}))
     check_refused(tmp_path, message)
-
-
-@pytest.mark.filterwarnings("error")
-def test_numbers_beyond_single_precision_are_refused_without_a_warning(bundle, tmp_path):
-    bundle.save(tmp_path)
-    tensors = {name: value.astype("f8") for name, value in bundle.actor.tensors().items()}
-    tensors["layers.0.bias"][0] = 1e300
-    save_file(tensors, tmp_path / "actor.safetensors")
-    check_refused(tmp_path, "layer 0 holds values that are not finite")
 
 
 def test_a_card_that_names_a_thing_twice_is_written_without_aliases(bundle, tmp_path):

@@ -1,3 +1,4 @@
+import json
 import math
 from dataclasses import replace
 
@@ -7,7 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from bike_policy.contract.observation import LAYOUT_VERSION, LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout, Rows
+from bike_policy.contract.observation import (
+    COMPACT,
+    LAYOUT_VERSION,
+    LEAN_LAYOUT,
+    PROP_LAYOUT,
+    RACE_LAYOUTS,
+    ObservationLayout,
+    Rows,
+)
 from bike_sim.physics.state import MIRROR_SIGNS, STATE_SIZE
 from bike_sim.sim import look as lk
 from bike_training.tasks.path import TASKS
@@ -80,29 +89,35 @@ def test_batch_is_the_same_as_one_by_one(layout):
     assert batch.shape == (7, layout.size) == (7, len(layout.names))
 
 
-@pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.name)
+@pytest.mark.parametrize("layout", [*LAYOUTS, *RACE_LAYOUTS.values()], ids=lambda layout: layout.name)
 def test_card_round_trip(layout):
-    assert ObservationLayout.from_card(layout.to_card()) == layout
+    changed = replace(layout, repeat=2, share=1.05) if layout.races else layout
+    assert ObservationLayout.from_card(json.loads(json.dumps(changed.to_card()))) == changed
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("layout", "change", "message"),
     [
-        ({"version": LAYOUT_VERSION + 1}, "version"),
-        ({"version": 1}, "version 1, this software speaks 2"),
-        ({"terms": ["roll", "mood", "preview_lean"]}, "mood"),
-        ({"terms": ["roll", "speed_margin", "preview_lean"]}, "speed_margin"),
-        ({"terms": ["preview_lean", "roll"], "factors": []}, "last term must be a preview"),
-        ({"factors": [1.0]}, "factors"),
-        ({"terms": 3}, "no lists"),
-        ({"colour": "red"}, "colour"),
-        ({"preview_interval": float("nan")}, "interval must be positive"),
-        ({"preview_by_time": False}, "preview_lean needs"),
+        (LEAN_LAYOUT, {"version": LAYOUT_VERSION + 1}, "version"),
+        (LEAN_LAYOUT, {"version": 1}, "version 1, this software speaks 2"),
+        (LEAN_LAYOUT, {"terms": ["roll", "mood", "preview_lean"]}, "mood"),
+        (LEAN_LAYOUT, {"terms": ["roll", "speed_margin", "preview_lean"]}, "speed_margin"),
+        (LEAN_LAYOUT, {"terms": ["preview_lean", "roll"], "factors": []}, "last term must be a preview"),
+        (LEAN_LAYOUT, {"factors": [1.0]}, "factors"),
+        (LEAN_LAYOUT, {"terms": 3}, "no lists"),
+        (LEAN_LAYOUT, {"colour": "red"}, "colour"),
+        (LEAN_LAYOUT, {"preview_interval": float("nan")}, "interval must be positive"),
+        (LEAN_LAYOUT, {"preview_by_time": False}, "preview_lean needs"),
+        (COMPACT, {"terms": ["speed", "mood"]}, "mood"),
+        (COMPACT, {"terms": ["speed", "preview_points"]}, "preview_points"),
+        (COMPACT, {"terms": []}, "has terms"),
+        (COMPACT, {"repeat": 0}, "repeat must be 1"),
+        (COMPACT, {"share": float("nan")}, "share must be positive"),
     ],
 )
-def test_foreign_layout_is_refused_by_name(change, message):
+def test_foreign_layout_is_refused_by_name(layout, change, message):
     with pytest.raises(ValueError, match=message):
-        ObservationLayout.from_card({**LEAN_LAYOUT.to_card(), **change})
+        ObservationLayout.from_card({**layout.to_card(), **change})
 
 
 def test_preview_is_picked_from_a_finer_one():

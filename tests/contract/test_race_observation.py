@@ -1,8 +1,5 @@
 """The observation of a race: bounds, mirror symmetry, memory, references, and its card."""
 
-import json
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -202,29 +199,6 @@ def test_however_many_lines_come_and_go_each_row_sees_its_own(seed):
 def test_a_reference_without_speed_is_refused(share, cap):
     with pytest.raises(ValueError, match="must be positive"):
         ReferenceRows(1).begin(0, reference(), share, cap)
-
-
-@pytest.mark.parametrize("layout", RACE_LAYOUTS.values(), ids=RACE_LAYOUTS)
-def test_card_round_trip(layout):
-    changed = replace(layout, repeat=2, share=1.05)
-    assert ObservationLayout.from_card(json.loads(json.dumps(changed.to_card()))) == changed
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"version": 9}, "version 9"),
-        ({"terms": ["speed", "mood"]}, "mood"),
-        ({"terms": ["speed", "preview_points"]}, "preview_points"),
-        ({"terms": []}, "has terms"),
-        ({"repeat": 0}, "repeat must be 1"),
-        ({"share": float("nan")}, "share must be positive"),
-        ({"colour": "red"}, "colour"),
-    ],
-)
-def test_foreign_layouts_are_refused_by_name(change, message):
-    with pytest.raises(ValueError, match=message):
-        ObservationLayout.from_card({**COMPACT.to_card(), **change})
 
 
 DIRECT = ActionLayout((ActionColumn("lean_request", 0.95), ActionColumn("throttle_and_brake")))

@@ -1,4 +1,4 @@
-"""Nodes as processes: how one ended is told to whoever started it, and none is left behind."""
+"""Nodes as processes: how they are waited for, how one ended is told, and none is left behind."""
 
 import subprocess
 import sys
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from bike_sim.ros.isolation import PARENT_PERIOD, DomainLease
-from bike_training.envs.node_process import NodeLost, NodeProcess, tell_all_to_end
+from bike_training.envs.node_process import InactivityTimeout, NodeLost, NodeProcess, tell_all_to_end
 
 PATIENCE = 90.0
 """Longest wait for anything, s."""
@@ -69,6 +69,59 @@ def test_all_nodes_are_told_to_end_at_once(start) -> None:
     assert node.process.wait(PATIENCE) == 0
     tell_all_to_end()  # those that have ended take no notice
     node.finish()
+
+
+@pytest.fixture
+def node(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[NodeProcess]:
+    """A process that does something, as a node."""
+    popen = subprocess.Popen
+
+    def start(_: list[str], **options: object) -> subprocess.Popen:
+        return popen([sys.executable, "-I", "-S", "-c", f"print(flush=True); {request.param}"], **options)
+
+    monkeypatch.setattr(subprocess, "Popen", start)
+    node = NodeProcess("node", {}, 1)
+    yield node
+    node.process.kill()
+    node.close()
+
+
+def silence(patience: InactivityTimeout, longest: float) -> float:
+    """Return the time until patience runs out, s; `longest` where it does not."""
+    began = time.monotonic()
+    while time.monotonic() - began < longest and not patience.is_out():
+        time.sleep(0.02)
+    return time.monotonic() - began
+
+
+@pytest.mark.parametrize("node", ["import time; time.sleep(60)"], indirect=True)
+def test_a_node_that_does_nothing_is_given_up(node: NodeProcess) -> None:
+    time.sleep(1.0)  # its start is work
+    assert 0.5 <= silence(InactivityTimeout(0.5, [node]), 20.0) < 10.0
+    node.process.kill()
+    node.process.wait()
+    assert silence(InactivityTimeout(0.2, [node]), 20.0) < 10.0
+
+
+@pytest.mark.parametrize("node", ["[1 for _ in iter(int, 1)]"], indirect=True)
+def test_a_node_that_works_is_waited_for(node: NodeProcess) -> None:
+    """As one that compiles, also where it is one of several."""
+    assert silence(InactivityTimeout(0.5, [node]), 2.5) >= 2.5
+
+
+def test_what_is_heard_begins_anew_and_a_pause_of_ones_own_is_no_silence_of_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = 0.0
+    monkeypatch.setattr(time, "monotonic", lambda: now)
+    patience = InactivityTimeout(3.0, [])
+    for now in (1.0, 2.0, 3.0):  # noqa: B007 - the clock
+        assert not patience.is_out()
+    patience.heard()
+    for now in (4.0, 5.0, 3600.0):  # noqa: B007 - suspended with Ctrl-Z for an hour
+        assert not patience.is_out()
+    now += 1.0
+    assert patience.is_out()
 
 
 STARTS_A_RECORDER = """

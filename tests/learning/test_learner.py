@@ -1,17 +1,19 @@
-"""Networks that see observations in other coordinates: nothing is lost, and the deployed actor is the learner's."""
+"""Networks that see observations in other coordinates, and mirrored replay."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
 
+import gymnasium as gym
 import jax
 import numpy as np
 import pytest
 
+from bike_policy.contract.action import DRIVE, LEAN_REQUEST, ActionColumn, ActionLayout
 from bike_policy.contract.bundle import Actor
-from bike_policy.contract.observation import LEAN_LAYOUT, PROP_LAYOUT, Rows
-from bike_training.learning.learner import actor_tensors, build_model
+from bike_policy.contract.observation import COMPACT, LEAN_LAYOUT, PROP_LAYOUT, Rows
+from bike_training.learning.learner import MirrorReplayBuffer, actor_tensors, build_model
 from bike_training.learning.preconditioning import coordinates, networks
 from bike_training.learning.presets import load_preset
 from bike_training.tasks.path import TASKS
@@ -49,3 +51,39 @@ def test_the_deployed_actor_answers_as_the_one_that_learns() -> None:
     found = Actor(*actor_tensors(SimpleNamespace(policy=policy))).act_batch(observations)
     assert np.abs(wanted).max() > 1e-3
     assert found == pytest.approx(np.asarray(wanted), abs=1e-5)
+
+
+ACTION = ActionLayout((ActionColumn(LEAN_REQUEST), ActionColumn(DRIVE)))
+
+
+@pytest.mark.parametrize("layout", [LEAN_LAYOUT, COMPACT], ids=lambda layout: layout.name)
+def test_throttle_keeps_its_sign_steering_flips_and_limits_change_sides(layout):
+    signs, places = layout.mirror_signs, layout.mirror_places
+    buffer = MirrorReplayBuffer(
+        1,
+        gym.spaces.Box(-np.inf, np.inf, (layout.size,), np.float32),
+        gym.spaces.Box(-1.0, 1.0, (2,), np.float32),
+        device="cpu",
+        mirror_signs=signs,
+        mirror_places=places,
+        action_signs=ACTION.mirror_signs,
+    )
+    observation = np.arange(1.0, layout.size + 1.0, dtype=np.float32)
+    buffer.add(
+        observation[None],
+        2.0 * observation[None],
+        np.array([[0.25, 0.75]], dtype=np.float32),
+        np.array([3.0]),
+        np.array([False]),
+        [{}],
+    )
+    np.random.seed(0)
+    drawn = buffer.sample(400)
+    flipped = drawn.actions[:, 0].numpy() < 0.0
+    assert 100 < flipped.sum() < 300  # about half
+    np.testing.assert_array_equal(np.abs(drawn.actions[:, 0].numpy()), np.full(400, 0.25, dtype=np.float32))
+    np.testing.assert_array_equal(drawn.actions[:, 1].numpy(), np.full(400, 0.75, dtype=np.float32))
+    for seen, factor in ((drawn.observations, 1.0), (drawn.next_observations, 2.0)):
+        expected = np.where(flipped[:, None], factor * observation[places] * signs, factor * observation)
+        np.testing.assert_array_equal(seen.numpy(), expected.astype(np.float32))
+    np.testing.assert_array_equal(drawn.rewards.numpy(), np.full((400, 1), 3.0, dtype=np.float32))
