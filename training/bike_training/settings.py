@@ -144,22 +144,13 @@ def _described(default: Any) -> str:
     return next((name for kind, name in names.items() if isinstance(default, kind)), "table of numbers")
 
 
-def parse_value(path: str, text: str, current: Any) -> Any:
-    """Return a value that a command line gives as text: YAML, or a list with commas.
-
-    Args:
-        path: of the setting, for messages.
-        text: its value.
-        current: its present value in plain form; text stays text where it is one.
-
-    Raises:
-        ValueError: it is no YAML.
-    """
+def _parsed(path: str, text: str, current: Any) -> Any:
+    """Return a value that a command line gives as text: YAML or a list with commas; text stays where it is one."""
     if isinstance(current, str):
         return text
     if isinstance(current, list):
         texts = [part.strip() for part in text.strip("[] ").split(",")]
-        return texts if current and isinstance(current[0], str) else [parse_value(path, part, 0) for part in texts]
+        return texts if current and isinstance(current[0], str) else [_parsed(path, part, 0) for part in texts]
     try:
         return parse_yaml(text)
     except DocumentError as error:
@@ -186,7 +177,7 @@ def change_plain(tree: Any, path: str, value: Any, place: str) -> None:
         table = table[part]
     else:
         if isinstance(table, dict) and (name in table or around[-1:] == ["weights"]):
-            table[name] = parse_value(path, value, table.get(name)) if isinstance(value, str) else value
+            table[name] = _parsed(path, value, table.get(name)) if isinstance(value, str) else value
             return
     raise ValueError(f"{place} has no setting {show(path)}; {alternatives(path, paths_of(tree))}")
 

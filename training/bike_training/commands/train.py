@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from bike_training.commands.declarations import SUPERBIKE
-from bike_training.learning.presets import GradientSettings, load_preset
+from bike_training.learning.presets import GradientSettings
 from bike_training.learning.run_settings import (
-    ENGINES,
+    DEFAULT_PRESET,
     GRADIENT_POLICY,
-    SUPERBIKE_ENGINES,
     RunSettings,
+    settings_of,
     with_simulator,
 )
 from bike_training.progress import progress_bar
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 # PyTorch and JAX are loaded late, after bad settings are refused: they take seconds.
 
-DEFAULT_PRESET: Final = "fast"
 SUPERBIKE_PRESETS: Final = {"fast": "race", "paper": "race_paper"}
 """Presets of superbikes by the names of those of bicycles, so that the same word means the same kind."""
 RECORD_EVERY: Final = 10
@@ -32,7 +31,6 @@ RECORD_EVERY: Final = 10
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Learn and return the outcome; not ok when interrupted."""
     settings = _resumed_settings(args) if args.resume else _new_settings(args)
-    settings = with_simulator(settings, args.client, args.engine, args.time_step, args.simulators)
     from bike_training.learning.process import run as learn
 
     if not (settings.superbike or settings.until_finished or args.json):
@@ -58,11 +56,7 @@ def _new_settings(args: argparse.Namespace) -> RunSettings:
             raise ValueError(f"--set takes PATH=VALUE, got {pair!r}")
     asked = {"curriculum.circuits": args.course, "curriculum": args.curriculum}
     changes |= {setting: value for setting, value in asked.items() if value is not None}
-    engine = (SUPERBIKE_ENGINES if races else ENGINES)["local"]
-    preset = load_preset(name).changed(changes)
-    vehicle = args.vehicle or RunSettings.vehicle
-    settings = RunSettings(preset, vehicle, args.seed or 0, engine=engine, record_every=RECORD_EVERY)
-    return _with_choices(settings, args)
+    return settings_of({**vars(args), "preset": name, "set": changes}, RECORD_EVERY)
 
 
 def _resumed_settings(args: argparse.Namespace) -> RunSettings:
@@ -72,16 +66,11 @@ def _resumed_settings(args: argparse.Namespace) -> RunSettings:
     settings = stored_settings(args.out)
     if args.vehicle not in (None, settings.vehicle):
         raise ValueError(f"{args.out} holds a run of vehicle {settings.vehicle!r}, not of {args.vehicle!r}")
-    return _with_choices(settings, args)
-
-
-def _with_choices(settings: RunSettings, args: argparse.Namespace) -> RunSettings:
-    """Return settings with those arguments that may change at each start."""
     if args.steps is not None:
         settings = replace(settings, preset=settings.preset.changed({"learner.steps": args.steps}))
     names = ("checkpoint_every", "record_every", "until_finished")
     given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
-    return replace(settings, **given)
+    return with_simulator(replace(settings, **given), args.client, args.engine, args.time_step, args.simulators)
 
 
 def _show(bar: Any, process: LearningProcess) -> None:
@@ -122,7 +111,7 @@ def run_refinement(args: argparse.Namespace) -> dict[str, Any]:
                 bar.set_postfix_str(f"{found.ridden} ridden, mean {found.mean_m:.4f} m", refresh=False)
             bar.update()
 
-        summary = GradientLearning(replace(settings, start=args.start or "")).run(args.out, report)
+        summary = GradientLearning(settings).run(args.out, report)
     best = summary["best_selection"]
     if not args.json:
         print(

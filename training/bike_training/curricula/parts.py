@@ -50,23 +50,13 @@ class RideRanges:
     also: tuple[RideRanges, ...] = ()
     perturb: bool = True
 
-    def draw(
-        self, rng: np.random.Generator, preview: Preview, row: int = 0, path_length: float | None = None
-    ) -> ResetRequest:
-        """Draw a ride.
-
-        Args:
-            rng: draws.
-            preview: points of the path that are seen.
-            row: which bicycle begins; all are alike.
-            path_length: least length of the path, m; None for two episodes.
-        """
+    def draw(self, rng: np.random.Generator, preview: Preview, row: int = 0) -> ResetRequest:
+        """Draw a ride, on a path that is long enough for two episodes; all bicycles are alike. See `Episodes`."""
         chosen = (self, *self.also)[rng.integers(1 + len(self.also))] if self.also else self
         return ResetRequest(
             seed=int(rng.integers(2**31)),
             speed_range=chosen.speed,
             path_ranges=chosen.paths,
-            path_length=path_length,
             perturb=chosen.perturb,
             preview=preview,
         )

@@ -84,7 +84,6 @@ class NodeProcess(AbstractContextManager["NodeProcess"]):
         parameters: Mapping[str, Any],
         domain_id: int,
         namespace: str = "bike",
-        log_level: str = "warn",
     ) -> None:
         """Start the node.
 
@@ -93,11 +92,10 @@ class NodeProcess(AbstractContextManager["NodeProcess"]):
             parameters: ROS parameters.
             domain_id: its ROS domain.
             namespace: namespace of its topics.
-            log_level: least severity that it prints.
         """
         self.module = module
         command = [sys.executable, "-m", module, "--ros-args", "-r", f"__ns:=/{namespace.strip('/')}"]
-        command += ["--log-level", log_level]
+        command += ["--log-level", "warn"]
         for name, value in parameters.items():
             command += ["-p", f"{name}:={json.dumps(value)}"]
         environment = {**os.environ, DOMAIN_VARIABLE: str(domain_id)}

@@ -52,15 +52,12 @@ class RosClient(AbstractContextManager["RosClient"]):
 
     preview = Preview()
 
-    def __init__(
-        self, config: SimulatorConfig | None = None, join: int | None = None, namespace: str = node_tools.NAMESPACE
-    ) -> None:
+    def __init__(self, config: SimulatorConfig | None = None, join: int | None = None) -> None:
         """Start or find the simulator.
 
         Args:
             config: of the simulator.
             join: ROS domain of a simulator node that runs; None starts a new one in a free domain.
-            namespace: of the simulator's topics.
 
         Raises:
             NodeLost: it ended or did not appear in time; with its last output if it is a new one.
@@ -68,7 +65,7 @@ class RosClient(AbstractContextManager["RosClient"]):
         """
         self.config = config or SimulatorConfig()
         self.vehicle: Vehicle = load_vehicle(self.config.vehicle)
-        self._join, self._namespace = join, namespace
+        self._join = join
         self._close = contextlib.ExitStack()
         try:
             self._open()
@@ -83,10 +80,10 @@ class RosClient(AbstractContextManager["RosClient"]):
         else:
             self.domain_id = self._close.enter_context(DomainLease()).domain_id
             parameters = asdict(self.config) | {"mode": "lockstep", "auto_reset": "never", "course": "line"}
-            self._process = NodeProcess("bike_sim.ros.sim_node", parameters, self.domain_id, self._namespace)
+            self._process = NodeProcess("bike_sim.ros.sim_node", parameters, self.domain_id, node_tools.NAMESPACE)
             self._close.callback(self._process.close)
         name = f"ride_client_{os.getpid()}_{id(self) & 0xFFFF:x}"
-        self._node = node_tools.GuestNode(name, self.domain_id, self._namespace)
+        self._node = node_tools.GuestNode(name, self.domain_id, node_tools.NAMESPACE)
         self._close.callback(self._node.close)
         self._commands = self._node.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
         # Before the subscriptions: a matched simulator knows where to send its answers; earlier ones are dropped.
@@ -227,5 +224,5 @@ class RosClient(AbstractContextManager["RosClient"]):
             self._process.check()
 
     def _lost(self, complaint: str) -> NodeLost:
-        where = f"/{self._namespace.strip('/')} in ROS domain {self.domain_id}"
+        where = f"/{node_tools.NAMESPACE.strip('/')} in ROS domain {self.domain_id}"
         return NodeLost(f"the simulator {where} {complaint}; is it running, in lockstep, and not paused?")

@@ -30,45 +30,8 @@ _ARRAY: Final = "$array"
 """Key of a table that stands for an array of the other file."""
 
 
-def write_tree(tree: dict[str, Any], plain: Path, tensors: Path) -> None:
-    """Write a tree of tables, lists, texts, numbers, truth values, None and arrays.
-
-    Args:
-        tree: what to write.
-        plain: JSON file; it is written last, so where it is, both are whole.
-        tensors: safetensors file.
-
-    Raises:
-        TypeError: a value of another kind.
-    """
-    arrays: dict[str, NDArray[Any]] = {}
-    text = json.dumps(_without_arrays(tree, "", arrays))
-    save_file(arrays, tensors)
-    write_whole(plain, text)
-
-
-def read_tree(plain: Path, tensors: Path, kind: str) -> dict[str, Any]:
-    """Read what :func:`write_tree` wrote.
-
-    Args:
-        plain: JSON file.
-        tensors: safetensors file.
-        kind: what the tree must hold as its ``format``.
-
-    Raises:
-        ValueError: no such tree, or a damaged file.
-    """
-    with readable(plain):
-        tree = json.loads(plain.read_text(encoding="utf-8"))
-        found = tree.get("format") if isinstance(tree, dict) else type(tree).__name__
-        if found != kind:
-            raise ValueError(f"its format is {found!r} and not {kind}")
-    with readable(tensors):
-        whole: dict[str, Any] = _with_arrays(tree, load_file(tensors))
-    return whole
-
-
 def _without_arrays(node: Any, name: str, arrays: dict[str, NDArray[Any]]) -> Any:
+    """Return a tree of tables, lists and plain values whose arrays are handed over by name."""
     if isinstance(node, np.ndarray):
         arrays[name] = np.array(node, order="C")  # the format takes the bytes as they lie
         return {_ARRAY: name}
@@ -82,7 +45,7 @@ def _without_arrays(node: Any, name: str, arrays: dict[str, NDArray[Any]]) -> An
     return _without_arrays(np.asarray(node), name, arrays) if hasattr(node, "__array__") else node
 
 
-def _with_arrays(node: Any, arrays: dict[str, NDArray[Any]]) -> Any:
+def _with_arrays(node: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
     if isinstance(node, dict):
         if set(node) == {_ARRAY}:
             return arrays[node[_ARRAY]]
@@ -105,30 +68,27 @@ _KEYS: Final = ("key", "policy.key", "policy.noise_key")
 """Attributes in which sbx keeps networks with their optimisers, and its random keys."""
 
 
-def learner_state(model: OffPolicyAlgorithm) -> dict[str, Any]:
-    """Return all that :func:`restore_learner` needs but the replay buffer, as plain values and arrays."""
+def _learner_state(model: OffPolicyAlgorithm) -> dict[str, Any]:
+    """Return all of a learner but its replay buffer, as plain values and arrays."""
     started = model._last_obs is not None
+    version, words, gauss = random.getstate()
     return {
         "counters": {name: getattr(model, name) for name in _COUNTERS},
         "episodes": [dict(info) for info in model.ep_info_buffer or ()],
         "last_observations": np.array(model._last_obs) if started else None,
         "last_episode_starts": np.array(model._last_episode_starts) if started else None,
         "networks": _networks(model),
-        "generators": _generators(model),
+        "generators": {
+            "python": {"version": version, "words": np.array(words, dtype=np.uint64), "gauss": gauss},
+            "numpy": np.random.get_state(legacy=False),
+            "torch": torch.get_rng_state().numpy(),
+            "action_space": model.action_space.np_random.bit_generator.state,
+        },
     }
 
 
-def restore_learner(model: OffPolicyAlgorithm, stored: dict[str, Any]) -> None:
-    """Let a new learner of the same settings go on from a stored state, bit for bit.
-
-    Args:
-        model: the learner; its networks must have the stored shapes.
-        stored: result of :func:`learner_state`.
-
-    Raises:
-        ValueError: networks of other names or shapes.
-        KeyError: an entry is missing.
-    """
+def _restore_learner(model: OffPolicyAlgorithm, stored: dict[str, Any]) -> None:
+    """Let a new learner of the same settings go on from a stored state, bit for bit."""
     for name in _COUNTERS:
         setattr(model, name, stored["counters"][name])
     model.ep_info_buffer = deque(stored["episodes"], maxlen=model._stats_window_size)
@@ -137,25 +97,12 @@ def restore_learner(model: OffPolicyAlgorithm, stored: dict[str, Any]) -> None:
     model._last_episode_starts = stored["last_episode_starts"]
     restore = _restore_torch if isinstance(model, SAC) else _restore_jax
     restore(model, stored["networks"])
-    _restore_generators(model, stored["generators"])  # last: making a learner draws
-
-
-def _generators(model: OffPolicyAlgorithm) -> dict[str, Any]:
-    version, words, gauss = random.getstate()
-    return {
-        "python": {"version": version, "words": np.array(words, dtype=np.uint64), "gauss": gauss},
-        "numpy": np.random.get_state(legacy=False),
-        "torch": torch.get_rng_state().numpy(),
-        "action_space": model.action_space.np_random.bit_generator.state,
-    }
-
-
-def _restore_generators(model: OffPolicyAlgorithm, stored: dict[str, Any]) -> None:
-    python = stored["python"]
+    generators = stored["generators"]  # last: making a learner draws
+    python = generators["python"]
     random.setstate((python["version"], tuple(python["words"].tolist()), python["gauss"]))
-    np.random.set_state(stored["numpy"])
-    torch.set_rng_state(torch.from_numpy(stored["torch"]))
-    model.action_space.np_random.bit_generator.state = stored["action_space"]
+    np.random.set_state(generators["numpy"])
+    torch.set_rng_state(torch.from_numpy(generators["torch"]))
+    model.action_space.np_random.bit_generator.state = generators["action_space"]
 
 
 def _networks(model: Any) -> dict[str, Any]:
@@ -259,9 +206,17 @@ def save_checkpoint(folder: Path, model: OffPolicyAlgorithm, run_state: dict[str
         standing.rename(current)  # a kill came between the two renames below
     shutil.rmtree(fresh, ignore_errors=True)
     fresh.mkdir(parents=True)
-    _save_replay(fresh / _REPLAY, model.replay_buffer)
-    state = {"format": FORMAT, "run": run_state, "learner": learner_state(model)}
-    write_tree(state, fresh / _STATE, fresh / _TENSORS)
+    buffer = model.replay_buffer
+    assert buffer is not None
+    end = buffer.buffer_size if buffer.full else buffer.pos
+    np.savez(
+        fresh / _REPLAY, pos=buffer.pos, full=buffer.full, **{name: getattr(buffer, name)[:end] for name in _ARRAYS}
+    )
+    arrays: dict[str, NDArray[Any]] = {}
+    state = {"format": FORMAT, "run": run_state, "learner": _learner_state(model)}
+    text = json.dumps(_without_arrays(state, "", arrays))
+    save_file(arrays, fresh / _TENSORS)
+    write_whole(fresh / _STATE, text)
     shutil.rmtree(old, ignore_errors=True)
     if current.exists():
         current.rename(old)
@@ -301,7 +256,13 @@ class Checkpoint:
                 "a run that ended before its first one begins anew, without --resume"
             )
         self._folder = found
-        state = read_tree(found / _STATE, found / _TENSORS, FORMAT)
+        with readable(found / _STATE):
+            state = json.loads((found / _STATE).read_text(encoding="utf-8"))
+            kind = state.get("format") if isinstance(state, dict) else type(state).__name__
+            if kind != FORMAT:
+                raise ValueError(f"its format is {kind!r} and not {FORMAT}")
+        with readable(found / _TENSORS):
+            state = _with_arrays(state, load_file(found / _TENSORS))
         with self.reading():
             self.run: dict[str, Any] = state["run"]
             self._learner: dict[str, Any] = state["learner"]
@@ -316,7 +277,7 @@ class Checkpoint:
         with readable(path):
             _load_replay(path, model.replay_buffer)
         with self.reading():
-            restore_learner(model, self._learner)
+            _restore_learner(model, self._learner)
 
     @contextmanager
     def reading(self) -> Iterator[None]:
@@ -340,13 +301,6 @@ def readable(path: Path) -> Iterator[None]:
         raise ValueError(
             f"{path} cannot be read ({reason[:200]}); it is damaged, or another version of this software wrote it"
         ) from error
-
-
-def _save_replay(path: Path, buffer: ReplayBuffer | None) -> None:
-    assert buffer is not None
-    end = buffer.buffer_size if buffer.full else buffer.pos
-    arrays = {name: getattr(buffer, name)[:end] for name in _ARRAYS}
-    np.savez(path, pos=buffer.pos, full=buffer.full, **arrays)
 
 
 def _load_replay(path: Path, buffer: ReplayBuffer | None) -> None:

@@ -40,7 +40,6 @@ from bike_policy.contract.observation import ObservationLayout
 from bike_policy.riders.rider import LearnedRider
 from bike_sim.course.random_courses import PathRanges
 from bike_sim.sim.batch import Batch
-from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_training.curricula.parts import REFINEMENT, SPEED_RANGES, PartsCurriculum, RideRanges
 from bike_training.learning.linear_rides import DEVIATIONS, LinearRides, Segment, push_sideways
@@ -281,39 +280,6 @@ class Comparison(NamedTuple):
         return (-self.ridden - self.pushed - self.steep, max(self.spectral_radius, STABLE), self.mean_m)
 
 
-def compare_policy(policy: Bundle, task: PathTask, config: SimulatorConfig, settings: GradientSettings) -> Comparison:
-    """Evaluate a policy.
-
-    Args:
-        policy: evaluated.
-        task: that it rides.
-        config: of the simulator that it rides in.
-        settings: say whether it rides under pushes and from steep starts as well.
-    """
-    actor = policy.actor
-    requests = PartsCurriculum().selection_requests(task.preview)
-    track, whole = ride_side_by_side(actor, task, config, requests)
-    means = np.abs(track).mean(axis=0)[whole]
-    loop = stability(LearnedRider(policy)) if whole.all() else {}
-    radii = [loop.get(f"worst_spectral_radius_{place}") for place in ("upright", "turn")]
-    swing = loop.get("worst_swing_deg")
-    found = Comparison(
-        int(whole.sum()),
-        float(means.mean()) if whole.any() else math.inf,
-        float(means.max()) if whole.any() else math.inf,
-        float(np.abs(track[:, whole]).max()) if whole.any() else math.inf,
-        max((math.inf if radius is None else radius) for radius in radii),
-        math.inf if swing is None else swing,
-    )
-    if settings.impulse:
-        track, whole = ride_side_by_side(actor, task, config, requests, _push_now_and_then)
-        found = found._replace(pushed=int(whole.sum()), pushed_mean_m=_mean_of(track, whole))
-    if settings.steep:
-        track, whole = ride_side_by_side(actor, task, config, _steep(requests))
-        found = found._replace(steep=int(whole.sum()), steep_mean_m=_mean_of(track, whole))
-    return found
-
-
 def _mean_of(track: NDArray[np.float64], whole: NDArray[np.bool_]) -> float:
     return float(np.abs(track[:, whole]).mean()) if whole.any() else math.inf
 
@@ -436,8 +402,27 @@ class GradientLearning:
 
     def compare(self) -> Comparison:
         """Evaluate the averaged actor, and remember it if it is the best so far."""
-        actor = self._folded()
-        found = compare_policy(self.bundle(actor, {}), self.task, self._config, self.settings)
+        actor, task, config = self._folded(), self.task, self._config
+        requests = PartsCurriculum().selection_requests(task.preview)
+        track, whole = ride_side_by_side(actor, task, config, requests)
+        means = np.abs(track).mean(axis=0)[whole]
+        loop = stability(LearnedRider(self.bundle(actor, {}))) if whole.all() else {}
+        radii = [loop.get(f"worst_spectral_radius_{place}") for place in ("upright", "turn")]
+        swing = loop.get("worst_swing_deg")
+        found = Comparison(
+            int(whole.sum()),
+            float(means.mean()) if whole.any() else math.inf,
+            float(means.max()) if whole.any() else math.inf,
+            float(np.abs(track[:, whole]).max()) if whole.any() else math.inf,
+            max((math.inf if radius is None else radius) for radius in radii),
+            math.inf if swing is None else swing,
+        )
+        if self.settings.impulse:
+            track, whole = ride_side_by_side(actor, task, config, requests, _push_now_and_then)
+            found = found._replace(pushed=int(whole.sum()), pushed_mean_m=_mean_of(track, whole))
+        if self.settings.steep:
+            track, whole = ride_side_by_side(actor, task, config, _steep(requests))
+            found = found._replace(steep=int(whole.sum()), steep_mean_m=_mean_of(track, whole))
         if found.better_than(self.best):
             self.best, self._best_actor, self._best_at = found, actor, self.segments
         return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -50,15 +50,11 @@ class MirrorReplayBuffer(ReplayBuffer):
     def _get_samples(self, batch_inds: NDArray[np.int64], env: Any = None) -> ReplayBufferSamples:
         data = super()._get_samples(batch_inds, env)
         flipped = torch.as_tensor(np.flatnonzero(np.random.random(len(batch_inds)) < 0.5))
-        for observations in (data.observations, data.next_observations):
-            self._mirror(observations, flipped)
+        for observations in (data.observations, data.next_observations):  # copies of what the buffer holds
+            taken = observations.index_select(0, flipped).index_select(1, self.mirror_places)
+            observations.index_copy_(0, flipped, taken * self.mirror_signs)
         data.actions[flipped] *= self.action_signs
         return data
-
-    def _mirror(self, observations: torch.Tensor, rows: torch.Tensor) -> None:
-        """Mirror rows of a sample in place; it is a copy of what the buffer holds."""
-        taken = observations.index_select(0, rows).index_select(1, self.mirror_places)
-        observations.index_copy_(0, rows, taken * self.mirror_signs)
 
 
 def build_model(algorithm: SacSettings, task: Task, env: VecEnv, seed: int) -> OffPolicyAlgorithm:
@@ -86,8 +82,9 @@ def build_model(algorithm: SacSettings, task: Task, env: VecEnv, seed: int) -> O
             },
         }
     # One update a step is SB3's own pace; with many bicycles a step counts for all of them.
+    first, last = algorithm.learning_rate, algorithm.final_learning_rate
     common: dict[str, Any] = {
-        "learning_rate": _linear(algorithm.learning_rate, algorithm.final_learning_rate),
+        "learning_rate": lambda remaining: last + (first - last) * remaining,
         "buffer_size": algorithm.buffer_size,
         "learning_starts": algorithm.learning_starts,
         "batch_size": algorithm.batch_size,
@@ -112,11 +109,6 @@ def build_model(algorithm: SacSettings, task: Task, env: VecEnv, seed: int) -> O
     if algorithm.precondition:
         common["policy_kwargs"] |= networks(task.layout)
     return JaxSAC("MlpPolicy", env, policy_delay=algorithm.policy_delay, **common)
-
-
-def _linear(first: float, last: float) -> Callable[[float], float]:
-    """Return a learning rate that goes from one value to another as the remaining share goes from 1 to 0."""
-    return lambda remaining: last + (first - last) * remaining
 
 
 def actor_tensors(model: OffPolicyAlgorithm) -> tuple[list[NDArray[np.float32]], list[NDArray[np.float32]]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Final
@@ -34,6 +35,7 @@ TRAINING_DRAWS, VALIDATION_DRAWS = 0, 1
 """Branches of a run's seed, so that no draw of a run is another draw of it or of a run with another seed."""
 
 
+DEFAULT_PRESET: Final = "fast"
 DEFAULT_SIMULATORS: Final = 2
 ENGINES: Final = {"local": COMPILED_ENGINE, "ros": "pybullet"}
 """Default engine of each client."""
@@ -77,7 +79,7 @@ class RunSettings(Settings):
         **dict.fromkeys(("keep_every", "record_every"), AT_LEAST_0),
     }
 
-    preset: Preset = field(default_factory=lambda: load_preset("fast"))
+    preset: Preset = field(default_factory=lambda: load_preset(DEFAULT_PRESET))
     vehicle: str = "whipple"
     seed: int = 0
     client: str = "local"
@@ -118,7 +120,8 @@ class RunSettings(Settings):
     @property
     def compiled(self) -> bool:
         """Whether all vehicles are stepped by one compiled loop in this process."""
-        return self.client == "local" and self.engine == self._compiled_engine
+        engine = SUPERBIKE_ENGINE if self.superbike else COMPILED_ENGINE
+        return self.client == "local" and self.engine == engine
 
     @property
     def machines(self) -> tuple[str, ...]:
@@ -129,10 +132,6 @@ class RunSettings(Settings):
     def superbike(self) -> bool:
         """Whether superbikes learn."""
         return isinstance(load_vehicle(self.machines[0]), Superbike)
-
-    @property
-    def _compiled_engine(self) -> str:
-        return SUPERBIKE_ENGINE if self.superbike else COMPILED_ENGINE
 
     def simulator(self, row: int = 0) -> SimulatorConfig:
         """Return the configuration of a simulator that rides as a row of the environments does."""
@@ -202,6 +201,30 @@ def with_simulator(
     updates = max(1, round(learner.updates * simulators / learner.environments))
     changes = {"learner.environments": simulators, "learner.updates": updates}
     return replace(moved, preset=settings.preset.changed(changes))
+
+
+def settings_of(entries: Mapping[str, Any], record_every: int) -> RunSettings:
+    """Return the settings of a new run.
+
+    Args:
+        entries: options of `bike train` by name, those of ``--set`` under ``set``; what is None or missing has its
+            default.
+        record_every: where it is not among them.
+
+    Raises:
+        FileNotFoundError: an unknown vehicle.
+        ValueError: an unknown setting, or values that mean nothing, or nothing together.
+    """
+    given = {name: value for name, value in entries.items() if value is not None}
+    preset = load_preset(given.get("preset", DEFAULT_PRESET)).changed(given.get("set", {}))
+    if "steps" in given:
+        preset = preset.changed({"learner.steps": given["steps"]})
+    names = ("vehicle", "seed", "until_finished", "checkpoint_every", "record_every", "keep_every", "start")
+    chosen = {"record_every": record_every, **{name: given[name] for name in names if name in given}}
+    begun = RunSettings(preset, **chosen)
+    if begun.superbike:
+        begun = replace(begun, engine=SUPERBIKE_ENGINES["local"])
+    return with_simulator(begun, *(given.get(name) for name in ("client", "engine", "time_step", "simulators")))
 
 
 def source_commit() -> str:

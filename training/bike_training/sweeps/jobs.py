@@ -13,7 +13,7 @@ import csv
 import json
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import UnionType
@@ -29,9 +29,7 @@ from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles import files as vehicle_files
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_whole
-from bike_training.learning import presets
-from bike_training.learning.run_settings import RECORD_ENDS, RunSettings, with_simulator
-from bike_training.learning.run_settings import SUPERBIKE_ENGINES as LEARNING_ENGINES
+from bike_training.learning.run_settings import RECORD_ENDS, RunSettings, settings_of
 from bike_training.rollout.laps import ride_laps
 
 if TYPE_CHECKING:
@@ -43,7 +41,6 @@ Report = Callable[[float, float, str], None]
 # The runs of a sweep share most of what they name.
 load_vehicle = cache(vehicle_files.load_vehicle)
 load_track = cache(course_files.load_track)
-load_preset = cache(presets.load_preset)
 load_rider = cache(make_rider)
 
 
@@ -108,26 +105,9 @@ class TrainJob:
     def from_entries(cls, entries: Mapping[str, Any]) -> Self:
         """Check entries: those of `bike train`, with those of ``--set`` under ``set``."""
         check_kinds("train", entries, _TRAIN_KINDS)
-        preset = load_preset(entries.get("preset", "fast")).changed(entries.get("set", {}))
-        if "steps" in entries:
-            preset = preset.changed({"learner.steps": entries["steps"]})
-        chosen = {
-            key: entries[key]
-            for key in ("vehicle", "seed", "until_finished", "checkpoint_every", "record_every", "keep_every")
-            if key in entries
-        }
-        begun = RunSettings(preset, **{"record_every": RECORD_ENDS, **chosen})
-        if begun.superbike:
-            begun = replace(begun, engine=LEARNING_ENGINES["local"])
-        settings = with_simulator(
-            begun,
-            entries.get("client"),
-            entries.get("engine"),
-            entries.get("time_step"),
-            entries.get("simulators"),
-        )
+        settings = settings_of(entries, RECORD_ENDS)
         for name in settings.machines:
-            preset.task.check_vehicle(load_vehicle(name))
+            settings.preset.task.check_vehicle(load_vehicle(name))
         return cls(settings)
 
     def estimate(self) -> float:

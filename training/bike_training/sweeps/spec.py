@@ -142,7 +142,7 @@ def sweep_from_document(document: Any, name: str = "sweep", folder: Path = Path(
         raise ValueError(f"retries must be a whole number from 0 to 1000, got {show(retries)}")
     found = [_absolute(entries, folder) for entries in _expand(document)]
     varied = _varied([_flat(entries) for _, entries in found])
-    runs = []
+    runs, seen = [], dict[str, int]()
     for place, (task, entries) in enumerate(progress(found)):
         kind = JOBS[task]
         flat = _flat(entries)
@@ -158,8 +158,10 @@ def sweep_from_document(document: Any, name: str = "sweep", folder: Path = Path(
         except (ValueError, FileNotFoundError) as error:
             where = f"run {place + 1} of {len(found)}" + (f" ({run.label})" if run.label else "")
             raise type(error)(f"{where}: {error}") from None
+        if run.digest in seen:
+            raise ValueError(f"run {place + 1} is run {seen[run.digest]} again ({run.label or run.task})")
+        seen[run.digest] = place + 1
         runs.append(run)
-    _refuse_twins(runs)
     title = document.get("name", name)
     if not isinstance(title, str) or not title.strip() or len(title) > 200:
         raise ValueError(f"name must be text of at most 200 characters, got {show(title)}")
@@ -239,14 +241,6 @@ def _amount(document: Mapping[str, Any], name: str, default: float) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= 4096.0:
         raise ValueError(f"{name} must be a positive number up to 4096, got {show(value)}")
     return float(value)
-
-
-def _refuse_twins(runs: Sequence[RunSpec]) -> None:
-    seen: dict[str, int] = {}
-    for place, run in enumerate(runs, start=1):
-        if run.digest in seen:
-            raise ValueError(f"run {place} is run {seen[run.digest]} again ({run.label or run.task})")
-        seen[run.digest] = place
 
 
 def _short(value: Any) -> str:

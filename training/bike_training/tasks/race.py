@@ -230,20 +230,14 @@ class RaceState(TaskState):
         interface: observations and commands.
     """
 
-    def __init__(self, task: RaceTask, count: int, vehicle: Vehicle, action: ActionLayout | None = None) -> None:
-        """Plan for a machine.
-
-        Args:
-            task: to be ridden.
-            count: number of machines.
-            vehicle: the machine.
-            action: meaning of the actions; None for the task's.
+    def __init__(self, task: RaceTask, count: int, vehicle: Vehicle) -> None:
+        """Plan a task for a number of machines.
 
         Raises:
             ValueError: it is no superbike.
         """
         self._task, self._count, self._period = task, count, vehicle.control_period
-        self.interface = RaceInterface(task.layout, action or task.action, vehicle, self._period, count)
+        self.interface = RaceInterface(task.layout, task.action, vehicle, self._period, count)
         self._signals = self._no_signals()
         self._progress = np.zeros(count)
         self._rate = np.ones(count)

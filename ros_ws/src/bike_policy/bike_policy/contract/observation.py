@@ -311,11 +311,6 @@ def _corridor(s: TermInputs) -> FloatArray:
     return np.concatenate((widths.reshape(len(points), -1) / 15.0, grade / 0.1), axis=1)
 
 
-def _speed_margin(s: TermInputs) -> FloatArray:
-    _, target = s.memory.references.at(s.look(PROGRESS))
-    return (target - s.look(SPEED))[:, None]
-
-
 def _station_names(layout: ObservationLayout) -> Names:
     numbers = range(layout.stations)
     return (*(f"lean_asked_{j}" for j in numbers), *(f"speed_margin_{j}" for j in numbers))
@@ -329,26 +324,15 @@ def _stations(s: TermInputs) -> FloatArray:
     return np.concatenate((lean / 1.2, (target - speed) / 20.0), axis=1)
 
 
-def _attitude(s: TermInputs) -> FloatArray:
-    return _stack(s.state(ROLL), s.memory.rolls[:, 0], s.state(STEER), s.memory.steers)
-
-
 def _line(s: TermInputs) -> FloatArray:
     heading = s.look(HEADING_ERROR)
     return _stack(np.sin(heading), np.cos(heading), s.look(LATERAL_ERROR))
 
 
-def _velocity(s: TermInputs) -> FloatArray:
-    return _stack(s.look(SPEED), s.signal("lateral_velocity"), s.signal("vertical_velocity"))
-
-
-def _station_mirror(layout: ObservationLayout) -> Scales:
-    return (-1.0,) * layout.stations + (1.0,) * layout.stations
-
-
 RACE_TERMS: Final[Mapping[str, Term]] = {
     "velocity": Term(
-        "m/s", _velocity, (1.0, -1.0, 1.0), (100.0, 10.0, 5.0),
+        "m/s", lambda s: _stack(s.look(SPEED), s.signal("lateral_velocity"), s.signal("vertical_velocity")),
+        (1.0, -1.0, 1.0), (100.0, 10.0, 5.0),
         names=("velocity_long", "velocity_lat", "velocity_up"),
     ),
     "angular_velocity": Term(
@@ -361,7 +345,8 @@ RACE_TERMS: Final[Mapping[str, Term]] = {
         names=("roll_rate", "yaw_rate"),
     ),
     "attitude": Term(
-        "rad", _attitude, -1.0, (1.2, 1.2, 0.2, 0.2), names=("roll", "roll_before", "steer", "steer_before")
+        "rad", lambda s: _stack(s.state(ROLL), s.memory.rolls[:, 0], s.state(STEER), s.memory.steers),
+        -1.0, (1.2, 1.2, 0.2, 0.2), names=("roll", "roll_before", "steer", "steer_before")
     ),
     "lean_history": Term("1.2 rad, then 0.3 rad", _history, -1.0, names=_history_names, settings=("history",)),
     "slips": _telemetry(rear_slip=0.3, front_slip=0.3),
@@ -395,9 +380,12 @@ RACE_TERMS: Final[Mapping[str, Term]] = {
             *(f"width_{side}_{k}" for k in CORRIDOR for side in ("left", "right")), *(f"grade_{k}" for k in CORRIDOR)
         ),
     ),
-    "speed_margin": Term("m/s", _speed_margin, 1.0, 20.0),
+    "speed_margin": Term(
+        "m/s", lambda s: (s.memory.references.at(s.look(PROGRESS))[1] - s.look(SPEED))[:, None], 1.0, 20.0
+    ),
     "stations": Term(
-        "1.2 rad, then 20 m/s", _stations, _station_mirror, names=_station_names,
+        "1.2 rad, then 20 m/s", _stations, lambda layout: (-1.0,) * layout.stations + (1.0,) * layout.stations,
+        names=_station_names,
         settings=("stations", "horizon", "exponent"),
     ),
     "guide": Term(

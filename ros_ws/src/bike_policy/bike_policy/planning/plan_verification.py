@@ -154,7 +154,7 @@ def verified_plan(vehicle: Superbike, line: Course, settings: RiderSettings, per
 
     def lower(share: FloatArray, tried: LinePlan, end: FloatArray, number: int) -> None:
         # a rider who arrives too fast however slow the place is planned has to begin braking further ahead
-        near = points_before(tried.profile, end, 1 + number // PATIENCE)
+        near = _points_before(tried.profile, end, 1 + number // PATIENCE)
         share[near] = np.maximum(SLOWER * share[near], SLOWEST)
 
     def rider(tried: LinePlan) -> BatchRider:
@@ -183,7 +183,7 @@ def verified_margin(
 
     def grant_less(room: FloatArray, tried: LinePlan, end: FloatArray, number: int) -> None:
         for longer in range(1, MAX_AHEAD + 1):
-            near = points_before(plan.profile, end, longer)
+            near = _points_before(plan.profile, end, longer)
             if room[near].any():
                 room[near] = np.where(room[near] > 0.5 * pace, 0.5 * pace, 0.0)
                 return
@@ -196,13 +196,10 @@ def verified_margin(
     return make(rollouts.corrected(room, make, grant_less, rider, plan, key, MARGIN_RIDES, MARGIN_RIDES - 1))
 
 
-def points_before(profile: LapLimit, end: FloatArray, longer: int = 1) -> NDArray[np.bool_]:
-    """Return at which points of a profile, but the last, less speed helps a ride that ended.
+def _points_before(profile: LapLimit, end: FloatArray, longer: int = 1) -> NDArray[np.bool_]:
+    """Return at which points of a profile, but the last, less speed helps a ride.
 
-    Args:
-        profile: planned lap.
-        end: arc length (m) and speed (m/s) at which it ended.
-        longer: times the usual time before it.
+    It ended at an arc length (m) and speed (m/s); `longer` are times the usual time before that.
     """
     place, speed = end
     length = float(profile.s[-1])
@@ -210,15 +207,8 @@ def points_before(profile: LapLimit, end: FloatArray, longer: int = 1) -> NDArra
     return (ahead < longer * max(BEFORE * speed, LEAST_BEFORE)) | (ahead > length - BEHIND)
 
 
-def verification_key(vehicle: Superbike, line: Course, plan: LinePlan, rider: bytes) -> str:
-    """Return the hash over everything that a verification depends on.
-
-    Args:
-        vehicle: the machine.
-        line: to follow.
-        plan: that is verified.
-        rider: everything that decides how it is ridden.
-    """
+def _key(vehicle: Superbike, line: Course, plan: LinePlan, rider: bytes) -> str:
+    """Return the hash over everything that a verification depends on."""
     digest = hashlib.sha256(_sources())
     with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
         digest.update(repr(vehicle).encode())
@@ -276,7 +266,7 @@ class Rollouts(NamedTuple):
             rides: number of rides.
             starts: see `ride`.
         """
-        path = cache_folder() / f"{verification_key(self.vehicle, self.line, plan, key)}.npy"
+        path = cache_folder() / f"{_key(self.vehicle, self.line, plan, key)}.npy"
         found = read_column(path, len(values) + 1)
         if found is None:
             ends = np.zeros((0, 2))
@@ -321,10 +311,11 @@ class Rollouts(NamedTuple):
         """
         profile = plan.profile
         at_once = batch.at_own_speed(0, ResetRequest(course=_CIRCUIT, line=0.0))
-        places = _gentle_places(profile, starts)
+        parts = np.array_split(np.arange(len(profile.s) - 1), starts)  # where the lap turns least in each of them
+        places = [float(profile.s[part[np.argmin(np.abs(profile.lateral[part]))]]) for part in parts]
         for row in range(batch.count):
             late = row == batch.count - 1
-            batch.reset(row, at_once if late else _start(profile, float(places[row % starts])))
+            batch.reset(row, at_once if late else _start(profile, places[row % starts]))
             rider.begin(row, batch, self.line)
         length = float(profile.s[-1])
         goal = batch.look[:, lk.PROGRESS] + LAPS * length
@@ -360,9 +351,3 @@ def _wet_patches(s: FloatArray, grip: FloatArray) -> tuple[WetPatch, ...]:
     ends = np.append(s[begins[1:]], s[-1] + 1.0)
     found = zip(s[begins].tolist(), ends.tolist(), grip[begins].tolist(), strict=True)
     return tuple(WetPatch(begin, end, factor) for begin, end, factor in found if factor != 1.0)
-
-
-def _gentle_places(profile: LapLimit, count: int) -> FloatArray:
-    """Return the arc lengths at which a lap turns least in each of so many equal parts of it, m."""
-    parts = np.array_split(np.arange(len(profile.s) - 1), count)
-    return np.array([profile.s[part[np.argmin(np.abs(profile.lateral[part]))]] for part in parts])

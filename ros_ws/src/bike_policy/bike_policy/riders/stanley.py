@@ -88,11 +88,7 @@ class StanleyRider(BicycleRider):
     """Rides a bicycle along any line; implements `bike_policy.riders.rider.Rider`."""
 
     name = STANLEY
-
-    def __init__(self, settings: StanleySettings | None = None) -> None:
-        """Take the gains."""
-        self._settings = settings or StanleySettings()
-        super().__init__()
+    _settings = StanleySettings()
 
     def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
         """Return the answer."""
