@@ -17,7 +17,6 @@ from bike_training.reproduce.data import read_data, write_data
 from bike_training.reproduce.paper import Experiment, Paper, all_tables, collect, draw_all
 from bike_training.reproduce.statement import NO, OPEN, YES, verdict_table
 from bike_training.reproduce.superbike import SUPERBIKE
-from bike_training.sweeps.display import Display
 from bike_training.sweeps.driver import do_runs
 from bike_training.sweeps.runs import make_plan
 
@@ -54,10 +53,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     make_folder("--out", args.out)
     with claim_folder(args.out):
         (args.out / "sweep.yaml").write_text(yaml.safe_dump(experiment.document(), sort_keys=False), encoding="utf-8")
-        interrupted = False
-        if plan.missing:
-            with Display(len(plan.runs), len(plan.missing), quiet=args.json) as display:
-                interrupted = do_runs(plan.missing, args.out, (None, args.cores), sweep.retries, display)
+        interrupted = do_runs(plan, args.out, (None, args.cores), sweep.retries, args.json)
         plan = make_plan(sweep, args.out)
         data = collect(paper, plan, experiment, quiet=args.json)
         make_folder("--out", args.out / DATA)

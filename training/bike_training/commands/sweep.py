@@ -56,15 +56,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _do(sweep: Sweep, plan: Plan, args: argparse.Namespace, cores: float) -> dict[str, Any]:
     from bike_training.sweeps import results
-    from bike_training.sweeps.display import Display
     from bike_training.sweeps.driver import do_runs
     from bike_training.sweeps.runs import RUNS_FOLDER, make_plan
 
     shutil.copyfile(args.spec, args.out / SPEC_COPY)
-    missing, interrupted = plan.missing, False
-    if missing:
-        with Display(len(plan.runs), len(missing), quiet=args.json) as display:
-            interrupted = do_runs(missing, args.out, (args.address, args.cores), sweep.retries, display)
+    interrupted = do_runs(plan, args.out, (args.address, args.cores), sweep.retries, args.json)
     plan = make_plan(sweep, args.out)
     results.write_tables(plan, args.out)
     outcome = _outcome(sweep, plan, args, cores, ok=all(run.finished for run in plan.runs))

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import json
 import signal
+import sys
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Any, Final
 
+from tqdm import tqdm
+
 from bike_training.arguments import write_whole
+from bike_training.progress import progress_bar
 from bike_training.sweeps.cluster import first_line, ray_cluster
-from bike_training.sweeps.display import Display
 from bike_training.sweeps.runs import (
     FAILED,
     FINISHED,
     INTERRUPTED,
     REPORT_PERIOD_S,
     RESULT_FILE,
+    Plan,
     PlannedRun,
     execute,
     result_of,
@@ -33,20 +36,48 @@ SHUTDOWN_TIMEOUT_S: Final = 60.0
 """Longest wait for interrupted runs to write their checkpoints, s."""
 
 
-Place = tuple[str | None, int | None]
-"""Address of a Ray cluster, and processor cores of this machine."""
+class _Display(AbstractContextManager["_Display"]):
+    """Shows a sweep on standard error: one bar over its runs, and one line for each that ends; quiet only failures."""
+
+    def __init__(self, plan: Plan, quiet: bool) -> None:
+        self._quiet, self._total = quiet, len(plan.runs)
+        self._done = self._total - len(plan.missing)
+        self._shares: dict[str, float] = {}
+        self._bar = progress_bar("runs", "run", self._total, quiet=quiet)
+        self._bar.initial = self._bar.n = self._done
+
+    def __exit__(self, *_: object) -> None:
+        """Leave the terminal as it was."""
+        self._bar.close()
+
+    def show_progress(self, name: str, done: float, total: float, text: str) -> None:
+        """Show how far a run has come."""
+        self._shares[name] = min(1.0, done / total) if total else 0.0
+        self._bar.set_postfix_str(f"{name}: {done:.0f} of {total:.0f} {text}", refresh=False)
+        self._bar.update(round(self._done + sum(self._shares.values()), 2) - self._bar.n)
+
+    def show_end(self, name: str, record: dict[str, Any]) -> None:
+        """Show how a run has ended, in one line."""
+        self._shares.pop(name, None)
+        status = record["status"]
+        self._done += status == FINISHED
+        if status == FAILED:
+            tqdm.write(f"{name}: failed: {record['error']}", file=sys.stderr)
+        elif not self._quiet:
+            took = f" after {tqdm.format_interval(record['seconds'])}" if "seconds" in record else ""
+            tqdm.write(f"{name}: {status}{took} ({self._done} of {self._total} done)", file=sys.stderr)
 
 
-def do_runs(runs: Sequence[PlannedRun], out: Path, place: Place, retries: int, display: Display) -> bool:
-    """Do runs, in this order as far as there is room.
+def do_runs(plan: Plan, out: Path, place: tuple[str | None, int | None], retries: int, quiet: bool) -> bool:
+    """Do the missing runs of a sweep, the longest first as far as there is room.
 
     Args:
-        runs: what is to be done.
-        out: folder of the sweep.
+        plan: the sweep as it stands.
+        out: its folder.
         place: address of a Ray cluster, None starts Ray on this machine; and cores of this machine that it may use
             without an address, None for all.
         retries: how often one is begun again when its worker or its machine is lost.
-        display: shows progress and ends.
+        quiet: whether only failures are shown.
 
     Returns:
         Whether it was interrupted.
@@ -54,7 +85,10 @@ def do_runs(runs: Sequence[PlannedRun], out: Path, place: Place, retries: int, d
     Raises:
         ConnectionError: no cluster at the address.
     """
-    with ray_cluster(out, *place) as ray:
+    runs = plan.missing
+    if not runs:
+        return False
+    with _Display(plan, quiet) as display, ray_cluster(out, *place) as ray:
         from ray.util.queue import Queue
 
         reports = Queue(actor_options={"num_cpus": 0, "max_restarts": -1})
@@ -93,7 +127,7 @@ def _task(run: RunSpec, folder: Path, reports: Any, period: float) -> dict[str, 
     return execute(run, folder, report, report_period=period)
 
 
-def _collect(ray: Any, waiting: dict[Any, PlannedRun], display: Display, patience: float) -> None:
+def _collect(ray: Any, waiting: dict[Any, PlannedRun], display: _Display, patience: float) -> None:
     """Take in the runs that have ended."""
     ended, _ = ray.wait(list(waiting), num_returns=1, timeout=patience)
     for reference in ended:
@@ -122,7 +156,7 @@ def _record_of(ray: Any, reference: Any) -> dict[str, Any]:
     return record
 
 
-def _show_progress(ray: Any, reports: Any, display: Display) -> None:
+def _show_progress(ray: Any, reports: Any, display: _Display) -> None:
     with suppress(ray.exceptions.RayError):  # the queue begins anew where its machine was lost
         size = ray.get(reports.actor.qsize.remote(), timeout=5.0)
         latest = {name: line for name, *line in ray.get(reports.actor.get_nowait_batch.remote(size), timeout=5.0)}
@@ -130,7 +164,7 @@ def _show_progress(ray: Any, reports: Any, display: Display) -> None:
             display.show_progress(name, *line)
 
 
-def _interrupt(ray: Any, waiting: dict[Any, PlannedRun], display: Display) -> None:
+def _interrupt(ray: Any, waiting: dict[Any, PlannedRun], display: _Display) -> None:
     """Let runs write their checkpoints and end; a second interruption ends them at once."""
     end = time.monotonic() + SHUTDOWN_TIMEOUT_S
     for reference in waiting:
