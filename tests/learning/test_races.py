@@ -13,6 +13,7 @@ from bike_training.cli import main
 from bike_training.commands.evaluate import _pairs
 from bike_training.rollout.races import SLOW, ride_races
 from bike_training.tasks.race import RaceTask
+from tests.circuits import OVAL
 
 
 def bundle(throttle: float) -> Bundle:
@@ -37,19 +38,20 @@ def test_rides_that_leave_the_track_are_not_whole() -> None:
     assert 60.0 < result["theory_s"] < 110.0
 
 
-@pytest.mark.slow
 def test_an_actor_that_answers_nothing_rides_as_its_guide_and_as_the_classical_rider(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["evaluate", "classical", "--vehicle", "panigale_v4r", "--starts", "1", "--out", str(tmp_path)]
-    assert main(words) == 0
+    circuit = tmp_path / "oval.yaml"
+    circuit.write_text(OVAL)
+    words = ["evaluate", "classical", "--vehicle", "panigale_v4r", "--course", str(circuit), "--starts", "1"]
+    assert main([*words, "--out", str(tmp_path)]) == 0
     (race,) = json.loads((tmp_path / "races.json").read_text())["races"]
     assert (race["rides"], race["whole"], race["falls"]) == (1, 1, 0)
     assert "classical" in capsys.readouterr().out
     task = RaceTask(observation="guided", guided=True)
     actor = Actor([np.zeros((2, GUIDED.size), dtype=np.float32)], [np.zeros(2, dtype=np.float32)])
     policy = Bundle("nothing", actor, task.layout, task.action, "panigale_v4r", 0.02)
-    result = ride_races(policy, "panigale_v4r", "barcelona", starts=1)
+    result = ride_races(policy, "panigale_v4r", str(circuit), starts=1)
     names = ("whole", "falls", "finished", "off_track_s", "outside_s", "lost")
     assert [result[name] for name in names] == [1, 0, 1, 0.0, 0.0, []]
     assert result["best_s"] == pytest.approx(race["best_s"], rel=0.02)

@@ -126,22 +126,6 @@ def test_a_plan_that_still_falls_in_the_end_is_named_each_time(
     assert len(rounds) == ROUNDS, "the second time nothing is ridden"
 
 
-def test_the_same_is_verified_once(panigale: Superbike, slower: LinePlan, monkeypatch: pytest.MonkeyPatch) -> None:
-    line = over_a_crest(3.0)
-    ridden: list[str] = []
-    ride = Rollouts.ride
-
-    def counting(self: Rollouts, *rest: object) -> NDArray[np.float64]:
-        ridden.append("again")
-        return ride(self, *rest)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(Rollouts, "ride", counting)
-    np.testing.assert_array_equal(verified_plan(panigale, line, CLASSICAL_SETTINGS, PERIOD).table, slower.table)
-    assert not ridden
-    verified_plan(panigale, line, replace(CLASSICAL_SETTINGS, lateral=0.7), PERIOD)
-    assert ridden
-
-
 def test_the_mirrored_line_gets_the_mirrored_plan(panigale: Superbike, slower: LinePlan) -> None:
     left = slower.profile
     right = verified_plan(panigale, over_a_crest(3.0, -1.0), CLASSICAL_SETTINGS, PERIOD).profile
@@ -216,21 +200,24 @@ def test_what_is_asked_beyond_the_room_is_not_ridden(panigale: Superbike, line: 
         np.testing.assert_allclose(law.memory[:, line_law.PACE], [expected, -0.1], atol=1e-4)
 
 
-def test_a_policy_is_verified_once(
-    panigale: Superbike, line: Course, bold: LinePlan, monkeypatch: pytest.MonkeyPatch
+def test_the_same_plan_and_the_same_policy_are_verified_once(
+    panigale: Superbike, slower: LinePlan, line: Course, bold: LinePlan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rides: list[int] = []
-    batch = Rollouts.batch
+    batch, crest = Rollouts.batch, over_a_crest(3.0)
 
     def counting(self: Rollouts, count: int) -> object:
         rides.append(count)
         return batch(self, count)
 
     monkeypatch.setattr(Rollouts, "batch", counting)
+    np.testing.assert_array_equal(verified_plan(panigale, crest, CLASSICAL_SETTINGS, PERIOD).table, slower.table)
     np.testing.assert_array_equal(verified_for(always(0.12), panigale, line, PERIOD).table, bold.table)
     assert not rides
+    verified_plan(panigale, crest, replace(CLASSICAL_SETTINGS, lateral=0.7), PERIOD)
+    assert len(rides) == 1
     verified_for(always(0.001), panigale, line, PERIOD)
-    assert rides
+    assert len(rides) == 2
 
 
 def test_a_bicycle_policy_does_not_race(panigale: Superbike) -> None:

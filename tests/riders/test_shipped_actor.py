@@ -1,6 +1,9 @@
-"""The shipped actor: as exact as its card says, and closer to the path than the LQR where that is worst."""
+"""Rides of riders of bicycles: the shipped actor as exact as its card says, and closer to the path than the LQR."""
 
 from __future__ import annotations
+
+import math
+from pathlib import Path
 
 import pytest
 
@@ -16,20 +19,36 @@ MEAN, LARGEST = 0.015, 0.15
 """Goals of any ride on the benchmark path at 2 to 7 m/s, m."""
 
 
-def ridden(name: str, speed: float) -> RideResult:
+def ridden(name: str, speed: float, course: str = "benchmark") -> RideResult:
     simulator = Simulator(SimulatorConfig(engine="whipple", time_step=0.01))
-    request = ResetRequest(course="benchmark", speed_range=(speed, speed))
-    result = ride_through(simulator, make_rider(name), request, time_for(load_course("benchmark"), speed))
+    request = ResetRequest(course=course, speed_range=(speed, speed))
+    result = ride_through(simulator, make_rider(name), request, time_for(load_course(course), speed))
     simulator.close()
     return result
 
 
-@pytest.mark.parametrize("speed", [2.0, 4.5, 7.0])
-def test_the_shipped_actor_rides_the_benchmark_path_exactly(speed: float) -> None:
-    figures = ridden(DEFAULT_POLICY, speed).figures()
+@pytest.mark.parametrize(
+    ("name", "speed", "mean", "largest"),
+    [
+        *((DEFAULT_POLICY, speed, MEAN, LARGEST) for speed in (2.0, 4.5, 7.0)),
+        *(("lqr", speed, 0.05, math.inf) for speed in (2.0, 7.0)),
+        *(("stanley", speed, math.inf, most) for speed, most in ((2.0, 0.3), (4.0, 1.0))),  # without preview
+    ],
+)
+def test_the_benchmark_path_is_ridden_exactly(name: str, speed: float, mean: float, largest: float) -> None:
+    figures = ridden(name, speed).figures()
     assert figures["completed"]
-    assert figures["mean_m"] < MEAN
-    assert figures["max_m"] < LARGEST
+    assert figures["mean_m"] < mean
+    assert figures["max_m"] < largest
+
+
+def test_a_course_that_ends_elsewhere_is_evaluated_up_to_its_finish() -> None:
+    """The last sample lies where the finish is crossed, 32 m beside the start; its error is no larger than others."""
+    path = Path(__file__).parents[2] / "docs" / "data" / "paths" / "uturns_8_m.yaml"
+    ride = ridden("lqr", 4.0, str(path))
+    assert ride.completed
+    assert ride.progress[-1] == pytest.approx(load_course(path).length)
+    assert ride.figures()["max_m"] < 0.2
 
 
 def test_at_7_m_s_it_stays_closer_to_the_path_than_the_lqr() -> None:

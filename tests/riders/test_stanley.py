@@ -17,20 +17,9 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_vehicle
-from bike_training.rollout.rollout import ride_through, rollout
+from bike_training.rollout.rollout import rollout
 
 COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
-
-
-@pytest.mark.parametrize(("speed", "most"), [(2.0, 0.3), (4.0, 1.0)])
-def test_rides_the_benchmark_path(speed: float, most: float) -> None:
-    """Without preview, so it cuts what bends at once."""
-    simulator = Simulator(COMPILED)
-    request = ResetRequest(course="benchmark", speed_range=(speed, speed))
-    ride = ride_through(simulator, make_rider("stanley"), request, 1.5 * load_course("benchmark").length / speed)
-    simulator.close()
-    assert ride.completed
-    assert ride.figures()["max_m"] < most
 
 
 def test_a_steady_turn_is_ridden_without_an_offset_of_the_front() -> None:
