@@ -145,24 +145,16 @@ def shipped(folder: str) -> list[str]:
     )
 
 
-def vehicle_kind(vehicles: str) -> str:
-    """Return the kind of a vehicle, or of the first of several with commas between them.
-
-    Raises:
-        FileNotFoundError, ValueError: an unknown vehicle, or a broken file.
-    """
+def _vehicle_kind(vehicles: str) -> str:
+    """Return the kind of a vehicle, or of the first of several with commas between them."""
     from bike_sim.vehicles.files import load_vehicle
     from bike_sim.vehicles.superbike import Superbike
 
     return SUPERBIKE if isinstance(load_vehicle(vehicles.split(",")[0]), Superbike) else BICYCLE
 
 
-def rider_kind(name: str) -> str:
-    """Return the kind of vehicle that a rider rides.
-
-    Raises:
-        FileNotFoundError, ValueError: an unknown rider, or a broken bundle.
-    """
+def _rider_kind(name: str) -> str:
+    """Return the kind of vehicle that a rider rides."""
     from bike_policy.contract.bundle import load_bundle
     from bike_policy.riders.classical import CLASSICAL as CLASSICAL_RIDER
     from bike_policy.riders.rider import RIDERS
@@ -172,40 +164,28 @@ def rider_kind(name: str) -> str:
     return SUPERBIKE if load_bundle(name, RIDERS).layout.races else BICYCLE
 
 
-def course_kind(courses: str) -> str:
-    """Return the kind of vehicle that rides a course by default: a superbike on circuits.
-
-    Raises:
-        FileNotFoundError, ValueError: an unknown course, or a broken file.
-    """
+def _course_kind(courses: str) -> str:
+    """Return the kind of vehicle that rides a course by default: a superbike on circuits."""
     from bike_sim.course.files import kind_of
 
     return SUPERBIKE if kind_of(courses.split(",")[0]) == "circuit" else BICYCLE
 
 
-def choose_vehicle(args: Namespace, *riders: str | None, laps: bool = True) -> str:
-    """Set the vehicle of a command where none is given, and return its kind.
+def _choose_vehicle(args: Namespace, *riders: str | None, laps: bool = True) -> str:
+    """Set the vehicle of a command where none is given, and return its kind; with `laps` superbikes need a circuit.
 
     It follows from the first rider, else from the course; without both it is the bicycle.
-
-    Args:
-        args: arguments with vehicle and course.
-        riders: names or folders; None where there is none.
-        laps: whether superbikes need a circuit.
-
-    Raises:
-        ValueError: a rider of another kind of vehicle, or a superbike on a path.
     """
-    kinds = {rider: rider_kind(rider) for rider in riders if rider is not None}
+    kinds = {rider: _rider_kind(rider) for rider in riders if rider is not None}
     if args.vehicle is None:
-        kind = next(iter(kinds.values())) if kinds else course_kind(args.course) if args.course else BICYCLE
+        kind = next(iter(kinds.values())) if kinds else _course_kind(args.course) if args.course else BICYCLE
         args.vehicle = DEFAULT_SUPERBIKE if kind == SUPERBIKE else DEFAULT_BICYCLE
     else:
-        kind = vehicle_kind(args.vehicle)
+        kind = _vehicle_kind(args.vehicle)
     for rider, ridden in kinds.items():
         if ridden != kind:
             raise ValueError(f"rider {show(rider)} is for {ridden}, and {show(args.vehicle)} is {kind}")
-    if laps and kind == SUPERBIKE and args.course and course_kind(args.course) == BICYCLE:
+    if laps and kind == SUPERBIKE and args.course and _course_kind(args.course) == BICYCLE:
         raise ValueError(f"superbikes lap circuits, and course {show(args.course)} is a path")
     return kind
 
@@ -215,7 +195,7 @@ def _ride_subject(args: Namespace) -> str:
         if args.nodes:
             raise ValueError("--nodes rides one machine on one circuit; leave --all out")
         return ALL
-    kind = choose_vehicle(args, args.rider, args.beside if args.nodes else None)
+    kind = _choose_vehicle(args, args.rider, args.beside if args.nodes else None)
     if args.nodes and kind == BICYCLE:
         raise ValueError(f"--nodes is for superbikes; {args.vehicle!r} is a bicycle, which always rides through nodes")
     return NODES if args.nodes else kind
@@ -228,7 +208,7 @@ def _train_subject(args: Namespace) -> str:
         if args.vehicle not in (None, DEFAULT_BICYCLE):
             raise ValueError(f"--preset {EXACT} refines riders of {DEFAULT_BICYCLE!r}, not of {args.vehicle!r}")
         return REFINEMENT
-    return choose_vehicle(args)
+    return _choose_vehicle(args)
 
 
 def _export_subject(args: Namespace) -> str:
@@ -244,7 +224,7 @@ def _evaluate_subject(args: Namespace) -> str:
         raise ValueError("--compare names all riders that are evaluated; leave out the other")
     riders = args.compare or [args.rider]
     chosen = args.vehicle is not None
-    kind = choose_vehicle(args, *(riders if chosen or riders[0] is not None else [DEFAULT_BICYCLE]))
+    kind = _choose_vehicle(args, *(riders if chosen or riders[0] is not None else [DEFAULT_BICYCLE]))
     if kind == BICYCLE:
         return BICYCLE
     if not chosen:
@@ -261,7 +241,7 @@ def _validate_subject(args: Namespace) -> str:
         return PARAMETERS
     if args.vehicle in (None, ALL_SUPERBIKES):
         return BICYCLE if args.vehicle is None else SUPERBIKE
-    return vehicle_kind(args.vehicle)
+    return _vehicle_kind(args.vehicle)
 
 
 def _analyze_subject(args: Namespace) -> str:
@@ -283,7 +263,7 @@ def _analyze_subject(args: Namespace) -> str:
 
 _SUBJECTS: Final[Mapping[str, Callable[[Namespace], str]]] = {
     "ride": _ride_subject,
-    "live": lambda args: ATTACHED if args.attach else choose_vehicle(args, args.rider, laps=False),
+    "live": lambda args: ATTACHED if args.attach else _choose_vehicle(args, args.rider, laps=False),
     "train": _train_subject,
     "export": _export_subject,
     "evaluate": _evaluate_subject,

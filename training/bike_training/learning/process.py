@@ -259,7 +259,14 @@ class LearningProcess(BaseCallback):
             keep(self.out, self.actor(), step)
 
     def _may_validate(self) -> bool:
-        return self.progress.may_validate(self.num_timesteps, self.settings.preset.curriculum.validate_every)
+        """Return whether an episode that reaches its full length now asks for a validation.
+
+        One that does so during the wait or while the intervals grow asks for none later (Weyrer et al. 2026, Sects.
+        4.2, 4.3).
+        """
+        progress, step = self.progress, self.num_timesteps
+        waited = step - progress.validated_at >= self.settings.preset.curriculum.validate_every
+        return waited and progress.curriculum.may_validate(step)
 
     def validation_is_due(self) -> bool:
         """Return whether an episode has asked for a validation; asking forgets it."""

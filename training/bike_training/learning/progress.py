@@ -65,18 +65,6 @@ class Progress:
     finished_after: float | None = None
     stages: list[dict[str, Any]] = field(default_factory=list)
 
-    def may_validate(self, step: int, every: int) -> bool:
-        """Return whether an episode that reaches its full length at a learning step asks for a validation.
-
-        One that does so during the wait or while the intervals grow asks for none later (Weyrer et al. 2026, Sects.
-        4.2, 4.3).
-
-        Args:
-            step: learning step.
-            every: least learning steps between two validations.
-        """
-        return step - self.validated_at >= every and self.curriculum.may_validate(step)
-
     def write_tables(self, folder: Path, error: str) -> None:
         """Write ``validations.csv`` and ``selection.csv`` of a run whose errors have a name."""
         columns = ["step", "seconds", "part", f"mean_{error}", f"max_{error}", "passed", "updates"]

@@ -263,6 +263,10 @@ PATH_TERMS: Final[Mapping[str, Term]] = {
 # ------------------------------------------------------------------------------------------------------ terms of races
 
 
+def _numbered(names: Names, count: int, first: int = 0) -> Names:
+    return tuple(f"{name}_{k}" for name in names for k in range(first, first + count))
+
+
 def _stack(*columns: FloatArray) -> FloatArray:
     return np.stack(columns, axis=-1)
 
@@ -277,11 +281,6 @@ def _telemetry(**scales: float) -> Term:
         tuple(scales.values()),
         names=tuple(signal.column for signal in signals),
     )
-
-
-def _history_names(layout: ObservationLayout) -> Names:
-    numbers = range(1, layout.history + 1)
-    return (*(f"roll_before_{k}" for k in numbers), *(f"roll_change_{k}" for k in numbers))
 
 
 def _history(s: TermInputs) -> FloatArray:
@@ -309,11 +308,6 @@ def _corridor(s: TermInputs) -> FloatArray:
     rise = points[:, LINE][:, places + 1, 2] - points[:, LINE][:, places, 2]
     grade = rise / (HORIZON / (STATIONS - 1) * s.speed)[:, None]
     return np.concatenate((widths.reshape(len(points), -1) / 15.0, grade / 0.1), axis=1)
-
-
-def _station_names(layout: ObservationLayout) -> Names:
-    numbers = range(layout.stations)
-    return (*(f"lean_asked_{j}" for j in numbers), *(f"speed_margin_{j}" for j in numbers))
 
 
 def _stations(s: TermInputs) -> FloatArray:
@@ -348,7 +342,10 @@ RACE_TERMS: Final[Mapping[str, Term]] = {
         "rad", lambda s: _stack(s.state(ROLL), s.memory.rolls[:, 0], s.state(STEER), s.memory.steers),
         -1.0, (1.2, 1.2, 0.2, 0.2), names=("roll", "roll_before", "steer", "steer_before")
     ),
-    "lean_history": Term("1.2 rad, then 0.3 rad", _history, -1.0, names=_history_names, settings=("history",)),
+    "lean_history": Term(
+        "1.2 rad, then 0.3 rad", _history, -1.0,
+        names=lambda layout: _numbered(("roll_before", "roll_change"), layout.history, 1), settings=("history",),
+    ),
     "slips": _telemetry(rear_slip=0.3, front_slip=0.3),
     "actions": Term(
         "1", lambda s: s.memory.actions.reshape(len(s.memory.actions), -1), (-1.0, 1.0, -1.0, 1.0),
@@ -385,7 +382,7 @@ RACE_TERMS: Final[Mapping[str, Term]] = {
     ),
     "stations": Term(
         "1.2 rad, then 20 m/s", _stations, lambda layout: (-1.0,) * layout.stations + (1.0,) * layout.stations,
-        names=_station_names,
+        names=lambda layout: _numbered(("lean_asked", "speed_margin"), layout.stations),
         settings=("stations", "horizon", "exponent"),
     ),
     "guide": Term(

@@ -65,7 +65,9 @@ class DisturbedRider:
         """
         if self._answered is not None and self._answered[0] == snapshot.step:
             return self._answered[1]
-        self._see(measured(snapshot, self._errors(snapshot)))
+        self._seen.append(measured(snapshot, self._errors(snapshot)))
+        while len(self._seen) > 1 and self._seen[1].step <= snapshot.step - self._seen_late:
+            self._seen.popleft()
         answer = self.rider.command(self._seen[0])
         if answer is not None:
             self._sent.append((snapshot.step, answer))
@@ -84,12 +86,6 @@ class DisturbedRider:
         self._drawn = snapshot.step
         errors: FloatArray = self._bias + self._noise * drawn[-1]
         return errors
-
-    def _see(self, snapshot: Snapshot) -> None:
-        """Keep a snapshot until it is seen, and drop those that are too old."""
-        self._seen.append(snapshot)
-        while len(self._seen) > 1 and self._seen[1].step <= snapshot.step - self._seen_late:
-            self._seen.popleft()
 
 
 def check_sensors(disturbances: Disturbances, vehicle: Vehicle) -> None:
