@@ -32,12 +32,17 @@ from bike_training.tasks.path import TASKS, PathTask
 from bike_training.tasks.race import RaceTask
 
 pytest.importorskip("rclpy")
+from bike_training.learning.episode_recording import Standing, TrainingRecorder, record_ride
 
 COMPILED = SimulatorConfig(engine="whipple", time_step=0.01)
 PYBULLET = SimulatorConfig(engine="pybullet", time_step=0.005)
 SHARP_AND_UPRIGHT = {"path_linear": 0.4, "path_peak": 0.4, "upright": 0.2}
 SHORT = replace(TASKS["lean"], weights=SHARP_AND_UPRIGHT, max_steps=12)
 RANGES = PartsCurriculum().episodes(0)
+LEAN = TASKS["lean"]
+STILL = Actor([np.zeros((1, LEAN.layout.size), dtype="f4")], [np.zeros(1, dtype="f4")])
+"""Does nothing."""
+REQUEST = ResetRequest(seed=1, speed_range=RANGES.speed, path_ranges=RANGES.paths, perturb=True, preview=LEAN.preview)
 
 
 def messages(path: Path, topic: str) -> list:
@@ -67,15 +72,8 @@ def notes(path: Path) -> dict:
 @pytest.fixture(scope="module")
 def validation(tmp_path_factory) -> Path:
     """A recorded validation ride of an actor that does nothing."""
-    from bike_training.learning.episode_recording import Standing, record_ride
-
-    task = TASKS["lean"]
-    actor = Actor([np.zeros((1, task.layout.size), dtype="f4")], [np.zeros(1, dtype="f4")])
-    request = ResetRequest(
-        seed=1, speed_range=RANGES.speed, path_ranges=RANGES.paths, perturb=True, preview=task.preview
-    )
     path = tmp_path_factory.mktemp("validation") / "episode.mcap"
-    record_ride(path, actor, task, COMPILED, request, Standing(4000, 2, RANGES))
+    record_ride(path, STILL, LEAN, COMPILED, REQUEST, Standing(4000, 2, RANGES))
     return path
 
 
@@ -124,8 +122,6 @@ def test_rewards_are_those_of_the_next_state_and_the_sum_of_their_terms(validati
 
 
 def test_a_superbikes_whole_action_is_recorded(tmp_path):
-    from bike_training.learning.episode_recording import Standing, record_ride
-
     task = RaceTask(validation_duration=0.3)
     biases = np.array([0.2, 0.4], dtype="f4")
     actor = Actor([np.zeros((2, task.layout.size), dtype="f4")], [biases])
@@ -156,8 +152,6 @@ def bullets() -> VecEnv:
 @pytest.mark.parametrize(("make", "config"), [(compiled, COMPILED), (bullets, PYBULLET)])
 def test_rides_of_the_learner_are_recorded_as_it_learned_from_them(make, config, tmp_path):
     """Two episodes make a ride; what is recorded is what environment and policy exchanged."""
-    from bike_training.learning.episode_recording import Standing, TrainingRecorder
-
     env, path = make(), tmp_path / "training.mcap"
     recorder = TrainingRecorder(env, SHORT, config)
     seen, rng = [env.reset()], np.random.default_rng(0)
@@ -238,8 +232,6 @@ def small_disk(size: int):
 @pytest.mark.parametrize("size", [0, 40_000])
 def test_a_full_disk_ends_the_recording_and_not_the_learning(size, tmp_path):
     """From the first byte or amid a ride: one warning with path and reason, then the environment goes on as before."""
-    from bike_training.learning.episode_recording import Standing, TrainingRecorder
-
     task = replace(SHORT, max_steps=400)
     env, path = BatchVecEnv(2, task, RANGES, COMPILED, seed=3), tmp_path / "training.mcap"
     recorder, seen, still = TrainingRecorder(env, task, COMPILED), [env.reset()], np.zeros((2, 1), dtype=np.float32)
@@ -277,14 +269,9 @@ def test_a_full_disk_ends_the_recording_and_not_the_learning(size, tmp_path):
     ("size", "reason"), [(0, "File too large"), (20_000, "File too large"), (None, "cannot be made")]
 )
 def test_validation_rides_that_cannot_be_recorded_are_told_of(size, reason, tmp_path):
-    from bike_training.learning.episode_recording import Standing, record_ride
-
-    task = TASKS["lean"]
-    actor = Actor([np.zeros((1, task.layout.size), dtype="f4")], [np.zeros(1, dtype="f4")])
-    request = ResetRequest(seed=1, speed_range=RANGES.speed, path_ranges=RANGES.paths, preview=task.preview)
     path = tmp_path / "folder" / "episode.mcap"
     if size is None:
         (tmp_path / "folder").write_text("a file is in the way", encoding="utf-8")
     room = nullcontext() if size is None else small_disk(size)
     with room, pytest.warns(UserWarning, match=f"episode.mcap is not recorded further.*{reason}"):
-        record_ride(path, actor, task, COMPILED, request, Standing(4000, 2, RANGES))
+        record_ride(path, STILL, LEAN, COMPILED, REQUEST, Standing(4000, 2, RANGES))

@@ -54,9 +54,7 @@ def ends_of(rollouts: Rollouts, plan: LinePlan, rider: BatchRider) -> NDArray[np
         return rollouts.ride(batch, plan, rider, 2)
 
 
-def test_a_plan_that_rides_well_stays_as_it_is(
-    panigale: Superbike, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_plan_that_rides_well_stays_as_it_is(panigale: Superbike, caplog: pytest.LogCaptureFixture) -> None:
     line = over_a_crest(0.3)
     plan = plan_line(panigale, line, CLASSICAL_SETTINGS)
     np.testing.assert_array_equal(verified_plan(panigale, line, CLASSICAL_SETTINGS, PERIOD).table, plan.table)

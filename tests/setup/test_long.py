@@ -43,12 +43,7 @@ def test_the_wheel_reads_and_simulates_in_an_empty_environment(tmp_path: Path) -
     pins = ROOT / "requirements" / "constraints.txt"
     install = [
         python,
-        "-m",
-        "pip",
-        "install",
-        "--quiet",
-        "--disable-pip-version-check",
-        "-c",
+        *["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-c"],
         pins,
         f"{wheel}[analysis]",
     ]

@@ -92,6 +92,7 @@ class Observer:
         state: estimated minimal state at the last measurement.
         delay: control periods by which commands act late.
         noise: standard deviations of the measurements (MEASURED); 0 where they count as exact.
+        offset: excess of the measured roll, rad.
     """
 
     def __init__(self, vehicle: Vehicle, period: float) -> None:
@@ -109,11 +110,6 @@ class Observer:
         self._against = np.zeros(MAX_DELAY + 1)
         self._last: st.StateVector | None = None
         self.state = np.zeros(st.STATE_SIZE)
-
-    @property
-    def offset(self) -> float:
-        """Excess of the measured roll, rad."""
-        return self._offset
 
     @property
     def offset_deviation(self) -> float:
@@ -166,7 +162,7 @@ class Observer:
 
     def _believe(self, measured: st.StateVector) -> None:
         """Begin the filter with a measurement, as good as its noise."""
-        self.state, self._offset = measured.copy(), 0.0
+        self.state, self.offset = measured.copy(), 0.0
         spread = np.zeros((_SIZE + 1, _SIZE + 1))
         spread[:_SIZE, :_SIZE] = np.diag(np.maximum(self.noise, _TRUST) ** 2)
         # The roll is as unsure as the offset that the measured one contains.
@@ -225,7 +221,7 @@ class Observer:
     def _filter(self, measured: st.StateVector) -> None:
         expected, spread = self._expected, self._spread
         difference = _difference(measured, expected)
-        difference[_ROLL] -= self._offset
+        difference[_ROLL] -= self.offset
         shown = np.hstack([np.eye(_SIZE), np.zeros((_SIZE, 1))])
         shown[_ROLL, _OFFSET] = 1.0
         errors = np.diag(np.maximum(self.noise, _TRUST) ** 2)
@@ -237,7 +233,7 @@ class Observer:
         change = gain @ difference
         self._spread = (np.eye(_SIZE + 1) - gain @ shown) @ spread
         self._spread = 0.5 * (self._spread + self._spread.T)
-        self._offset += float(change[_OFFSET])
+        self.offset += float(change[_OFFSET])
         self.state = _displaced(expected, measured, change, self.noisy)
 
     def _transition(self, before: st.StateVector, after: st.StateVector, steer_set: float) -> FloatArray:
