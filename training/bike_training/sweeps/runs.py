@@ -93,11 +93,9 @@ class Plan:
 
     Attributes:
         runs: in the order of the sweep's file.
-        scale: measured over estimated time of the finished runs, by which the others are expected to take longer.
     """
 
     runs: tuple[PlannedRun, ...]
-    scale: float = 1.0
 
     @property
     def missing(self) -> tuple[PlannedRun, ...]:
@@ -129,13 +127,12 @@ def make_plan(sweep: Sweep, out: Path) -> Plan:
         for result, estimate in zip(results, estimates, strict=True)
         if result is not None and result["attempts"] == 1
     ]
-    scale = statistics.median(ratios) if ratios else 1.0
+    scale = statistics.median(ratios) if ratios else 1.0  # by which the others are expected to take longer
     return Plan(
         tuple(
             PlannedRun(run, folder, *status_of(folder), float(result["seconds"]) if result else scale * estimate)
             for run, folder, result, estimate in zip(sweep.runs, folders, results, estimates, strict=True)
-        ),
-        scale,
+        )
     )
 
 

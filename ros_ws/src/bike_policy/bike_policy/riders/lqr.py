@@ -41,9 +41,6 @@ from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
 
-LQR: Final = "lqr"
-"""Name of this rider."""
-
 SPEED_STEP: Final = 0.05
 """Gains are computed at multiples of this speed, m/s."""
 SLOWEST: Final = 0.5
@@ -243,7 +240,7 @@ class BicycleRider:
 class LqrRider(BicycleRider):
     """Rides a bicycle along any line; implements `bike_policy.riders.rider.Rider`."""
 
-    name = LQR
+    name = "lqr"
 
     def __init__(self, settings: LqrSettings | None = None) -> None:
         """Take the weights."""

@@ -25,9 +25,6 @@ from bike_sim.vehicles.bicycle import Vehicle
 
 FloatArray = NDArray[np.float64]
 
-MPC: Final = "mpc"
-"""Name of this rider."""
-
 _SOLVED: Final = ("solved", "solved inaccurate")
 
 
@@ -140,7 +137,7 @@ def programme(vehicle: Vehicle, speed: float, period: float, weights: LqrSetting
 class MpcRider(LqrRider):
     """Rides a bicycle along any line within limits; implements `bike_policy.riders.rider.Rider`."""
 
-    name = MPC
+    name = "mpc"
 
     def __init__(self, weights: LqrSettings | None = None, settings: MpcSettings | None = None) -> None:
         """Take weights and limits."""

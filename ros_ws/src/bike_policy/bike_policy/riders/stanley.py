@@ -35,9 +35,6 @@ from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
 
-STANLEY: Final = "stanley"
-"""Name of this rider."""
-
 HANDS: Final = "hands"
 """Name of this rider in recordings."""
 SHARE: Final = 0.55
@@ -87,7 +84,7 @@ class Loop(NamedTuple):
 class StanleyRider(BicycleRider):
     """Rides a bicycle along any line; implements `bike_policy.riders.rider.Rider`."""
 
-    name = STANLEY
+    name = "stanley"
     _settings = StanleySettings()
 
     def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
