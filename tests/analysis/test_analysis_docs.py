@@ -17,6 +17,7 @@ from bike_analysis.page.ride_view import histograms, ride_view
 from bike_sim.recording.recorder import RideRecorder
 from bike_sim.schema import SIGNALS, SUSPENSION, TELEMETRY
 from bike_training.cli import main
+from tests.bags import split_recording
 
 PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "analysis.md").read_text(encoding="utf-8")
 
@@ -156,11 +157,9 @@ def test_every_output_has_the_fields_of_its_records(folder: Path, with_telemetry
 
 
 def test_split_recordings_are_read_as_one(writer, circle, tmp_path: Path) -> None:
-    """A directory whose metadata lists several files, as rosbag2 and the recorder leave them."""
-    from bike_sim.recording.recorder import Split
-
+    """A directory whose metadata lists several files, as rosbag2 leaves them."""
     whole = writer.write(tmp_path / "whole.mcap", [circle(steps=300)], metadata_file=False)
-    writer.write(tmp_path / "parts", [circle(steps=300)], split=Split(max_duration_s=4.0), chunk_bytes=2000)
+    split_recording(whole, tmp_path / "parts", 4.0)
     assert len(list((tmp_path / "parts").glob("*.mcap"))) > 2
     one, many = open_ride(whole), open_ride(tmp_path / "parts")
     assert many.warnings == one.warnings

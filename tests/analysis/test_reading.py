@@ -25,8 +25,9 @@ from bike_analysis.read.container import MAGIC, Container, RecordingError, find_
 from bike_analysis.read.messages import STATE_QUANTITIES, Table
 from bike_analysis.read.reading import forward_time, read_recording
 from bike_sim.recording.definitions import MessageType, message_type
-from bike_sim.recording.recorder import RideRecorder, Split
+from bike_sim.recording.recorder import RideRecorder
 from bike_training.replay import read_rides
+from tests.bags import split_recording
 
 COLUMN_NAMES = ("time_s", "episode", "step", *(quantity.name for quantity in STATE_QUANTITIES))
 
@@ -80,8 +81,8 @@ def test_other_topics_are_read(recorded: Path) -> None:
 @pytest.fixture
 def split(writer, circle, tmp_path: Path) -> Path:
     """A recording in three files, a second of riding each."""
-    folder = tmp_path / "tour"
-    writer.write(folder, [circle(steps=60)], split=Split(max_duration_s=0.99))
+    whole = writer.write(tmp_path / "whole.mcap", [circle(steps=60)])
+    folder = split_recording(whole, tmp_path / "tour", 0.99)
     assert [path.name for path in find_files(folder)] == ["tour_0.mcap", "tour_1.mcap", "tour_2.mcap"]
     return folder
 
