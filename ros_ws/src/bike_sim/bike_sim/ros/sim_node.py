@@ -39,7 +39,6 @@ from bike_sim.ros.messages import (
     episode_start_to_message,
     event_to_message,
     lean_history_to_message,
-    reset_from_message,
     telemetry_to_message,
 )
 from bike_sim.ros.node_tools import NANOSECONDS, ParameterSpec, time_to_message
@@ -418,7 +417,7 @@ class SimNode(rclpy.node.Node):
         try:
             if request.seed < 0:
                 request.seed = self._draw_seed()
-            self._begin(reset_from_message(request, self._request))
+            self._begin(ResetRequest.from_message(request, self._request))
             response.success, response.seed = True, request.seed
         except (ValueError, OSError) as error:
             response.message = " ".join(str(error).split())
