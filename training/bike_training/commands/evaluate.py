@@ -6,8 +6,8 @@ import argparse
 import csv
 import itertools
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import asdict
 from typing import Any, Final
 
@@ -32,8 +32,6 @@ from bike_training.rollout.rollout import TimedRider, ride_through
 from bike_training.rollout.stability import stability
 from bike_training.tasks.base import round_robin
 
-NODES = "nodes"
-
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Evaluate and return the figures; not ok when a ride was not completed."""
@@ -42,8 +40,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         check_positive("--speeds", speed, "m/s")
     check_whole("--random-rides", args.random_rides, 0)
     check_whole("--seed", args.seed, 0)
-    names = args.compare or [args.rider or DEFAULT_POLICY]
-    riders = [make_rider(name) for name in names]
+    riders = [make_rider(name) for name in args.compare or [args.rider or DEFAULT_POLICY]]
     config = SimulatorConfig(vehicle=args.vehicle, engine=args.engine, time_step=args.time_step)
     for rider in riders:
         bundle = bundle_of(rider)
@@ -52,9 +49,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     disturbances = [load_disturbances(name) for name in args.disturbances]
     if disturbances and args.client != "local":
         raise ValueError(f"--disturbances act on rides in this process, not with --client {args.client}")
-    load_course(args.course)  # before the nodes start
+    load_course(args.course)  # before a node starts
     make_folder("--out", args.out)
-    found = [_evaluate(args, name, rider, config, disturbances) for name, rider in zip(names, riders, strict=True)]
+    found = [_evaluate(args, rider, config, disturbances) for rider in riders]
     figures: dict[str, Any] = {"riders": found} if args.compare else found[0]
     (args.out / "evaluation.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
     if not args.compare:
@@ -70,19 +67,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _evaluate(
-    args: argparse.Namespace,
-    name: str,
-    rider: Rider,
-    config: SimulatorConfig,
-    disturbances: Sequence[Disturbances],
+    args: argparse.Namespace, rider: Rider, config: SimulatorConfig, disturbances: Sequence[Disturbances]
 ) -> dict[str, Any]:
     """Return the figures of one rider."""
     total = len(args.speeds) * (1 + args.random_rides)
     timed = TimedRider(rider)
     with (
-        _rides(args, name, timed, config) as ride,
+        closing(make_client(args.client, config)) as client,
         progress_bar(rider.name, "ride", total, quiet=args.json) as bar,
     ):
+        ride: Ride = lambda request, longest: ride_through(client, timed, request, longest)  # noqa: E731
         figures = evaluate(ride, args.course, args.speeds, args.random_rides, args.seed, bar.update)
     return {
         "policy": rider.name,
@@ -108,22 +102,6 @@ def _disturbed(
     finally:
         client.close()
     return {"disturbances": disturbances.name, **figures}
-
-
-@contextmanager
-def _rides(args: argparse.Namespace, name: str, rider: Rider, config: SimulatorConfig) -> Iterator[Ride]:
-    """Open what rides, and close it."""
-    if args.client == NODES:
-        from bike_training.nodes.node_rides import NodeRides  # only rides through nodes need ROS
-
-        with NodeRides(name, config) as nodes:
-            yield nodes.ride
-        return
-    client = make_client(args.client, config)
-    try:
-        yield lambda request, longest: ride_through(client, rider, request, longest)
-    finally:
-        client.close()
 
 
 COMPARED: Final[Mapping[str, str]] = {

@@ -172,17 +172,6 @@ class RosClient(AbstractContextManager["RosClient"]):
         self._last = self._exchange(command, last.episode, last.step + 1)
         return self._last
 
-    def listen(self, timeout: float) -> Snapshot | None:
-        """Return the next state that another's commands bring about, or None after a wall-clock time, s.
-
-        Raises:
-            NodeLost: the simulator ended.
-        """
-        state = self._receive(timeout)
-        if state is None:
-            self._check_alive()
-        return state
-
     def close(self) -> None:
         """End the simulator if this client started it, and leave the domain. A second call does nothing."""
         self._close.close()

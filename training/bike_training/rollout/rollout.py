@@ -69,7 +69,6 @@ class RideResult:
         roll: rad.
         steer: rad.
         steer_rate: rad/s.
-        lost_states: states of the ride that are missing here.
     """
 
     speed: float
@@ -79,7 +78,6 @@ class RideResult:
     roll: FloatArray
     steer: FloatArray
     steer_rate: FloatArray
-    lost_states: int = 0
 
     @classmethod
     def from_snapshots(cls, snapshots: Sequence[Snapshot], course: Course, completed: bool) -> RideResult:
@@ -100,7 +98,6 @@ class RideResult:
         found: dict[str, Any] = {
             "speed_m_s": round(self.speed, 6),
             "completed": self.completed,
-            "lost_states": self.lost_states,
             "mean_m": float(distance.mean()),
             "max_m": float(distance.max()),
             "rms_m": float(np.sqrt(np.mean(distance**2))),
