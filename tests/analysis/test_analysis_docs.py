@@ -52,14 +52,14 @@ def cells(heading: str) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def with_telemetry(messages, share, folder: Path) -> Path:
+def with_telemetry(messages, folder: Path) -> Path:
     """A few states with telemetry and signals; every number is its field's place in the message."""
     for name in ("bike_msgs/msg/Telemetry", "bike_msgs/msg/BikeState", "bike_msgs/msg/EpisodeStart"):
         messages.learn(name)
     path = folder / "telemetry.mcap"
     values = {name: float(k) for k, name in enumerate(TELEMETRY.names)}
     flags = ("traction_control", "anti_wheelie", "brake_control", "anti_stoppie", *_LOST)
-    with RideRecorder(path, share=share, metadata_file=False) as recorder:
+    with RideRecorder(path, metadata_file=False) as recorder:
         recorder.add_topic("/bike/state", "bike_msgs/msg/BikeState")
         recorder.add_topic("/bike/telemetry", "bike_msgs/msg/Telemetry")
         recorder.add_topic("/bike/episode", "bike_msgs/msg/EpisodeStart")

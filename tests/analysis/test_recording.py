@@ -29,8 +29,8 @@ def read_with_rosbags(path: Path) -> list[tuple[str, int, object]]:
         return [(c.topic, t, reader.deserialize(data, c.msgtype)) for c, t, data in reader.messages()]
 
 
-def test_definition_holds_each_nested_type_once(share) -> None:
-    text = message_type("bike_msgs/msg/CoursePoints", share).definition
+def test_definition_holds_each_nested_type_once() -> None:
+    text = message_type("bike_msgs/msg/CoursePoints").definition
     headings = [line for line in text.splitlines() if line.startswith("MSG: ")]
     assert headings == ["MSG: geometry_msgs/Point", "MSG: std_msgs/Header", "MSG: builtin_interfaces/Time"]
     assert text.count("=" * 80 + "\n") == 3
@@ -40,22 +40,22 @@ def test_definition_holds_each_nested_type_once(share) -> None:
 
 
 @pytest.mark.parametrize("kind", ["BikeState", "BikeCommand", "Course", "CoursePoints", "LeanHistory", "RideEvent"])
-def test_every_message_of_the_package_has_a_definition_that_parses(kind: str, share) -> None:
+def test_every_message_of_the_package_has_a_definition_that_parses(kind: str) -> None:
     name = f"bike_msgs/msg/{kind}"
-    assert name in get_types_from_msg(message_type(name, share).definition, name)
+    assert name in get_types_from_msg(message_type(name).definition, name)
 
 
 @pytest.mark.parametrize("name", ["BikeState", "bike_msgs/BikeState", "bike_msgs/srv/Reset", "/msg/A", "a/msg/"])
-def test_wrong_type_names_are_refused(name: str, share) -> None:
+def test_wrong_type_names_are_refused(name: str) -> None:
     with pytest.raises(ValueError, match="package/msg/Type"):
-        message_type(name, share)
+        message_type(name)
 
 
-def test_unknown_packages_and_types_are_named(share, tmp_path: Path) -> None:
+def test_unknown_packages_and_types_are_named(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="no message 'Nothing'"):
-        message_type("bike_msgs/msg/Nothing", share)
+        message_type("bike_msgs/msg/Nothing")
     with pytest.raises(FileNotFoundError, match="nowhere_msgs"):
-        message_type("nowhere_msgs/msg/A", share)
+        message_type("nowhere_msgs/msg/A")
 
 
 def test_installed_packages_are_found_through_the_ament_index(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -75,7 +75,7 @@ def test_installed_packages_are_found_through_the_ament_index(tmp_path: Path, mo
     assert described.type_hash == "RIHS01_00"
 
 
-def test_directory_is_a_rosbag2_recording(writer, circle, share, tmp_path: Path) -> None:
+def test_directory_is_a_rosbag2_recording(writer, circle, tmp_path: Path) -> None:
     path = writer.write(tmp_path / "first_ride", [circle(steps=20)], notes={"vehicle": "whipple"})
     assert path == tmp_path / "first_ride" / "first_ride_0.mcap"
     with Reader(tmp_path / "first_ride") as reader:
@@ -91,7 +91,7 @@ def test_directory_is_a_rosbag2_recording(writer, circle, share, tmp_path: Path)
     assert counts == {"/bike/state": 20, "/bike/command": 19, "/bike/course": 1, "/bike/events": 0, "/diagnostics": 0}
 
 
-def test_container_follows_rosbag2(writer, circle, share, tmp_path: Path) -> None:
+def test_container_follows_rosbag2(writer, circle, tmp_path: Path) -> None:
     path = writer.write(tmp_path / "ride.mcap", [circle(steps=200)])
     with path.open("rb") as file:
         reader = make_reader(file)
@@ -110,7 +110,7 @@ def test_container_follows_rosbag2(writer, circle, share, tmp_path: Path) -> Non
         profile = yaml.safe_load(channel.metadata["offered_qos_profiles"])
         assert profile[0]["reliability"] == "reliable"
         assert "&" not in channel.metadata["offered_qos_profiles"]
-        described = message_type(schema.name, share)
+        described = message_type(schema.name)
         assert channel.metadata.get("topic_type_hash", "") == described.type_hash
 
 
@@ -148,12 +148,12 @@ def test_overwriting_needs_permission(writer, circle, tmp_path: Path) -> None:
     assert sum(topic == "/bike/state" for topic, _, _ in read_with_rosbags(path)) == 7
 
 
-def test_misuse_gets_one_clear_error(share, tmp_path: Path) -> None:
+def test_misuse_gets_one_clear_error(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="gzip"):
         RideRecorder(tmp_path / "a.mcap", compression="gzip")
     with pytest.raises(ValueError, match="chunk_bytes"):
         RideRecorder(tmp_path / "a.mcap", chunk_bytes=0)
-    with RideRecorder(tmp_path / "ride.mcap", share=share) as recorder:
+    with RideRecorder(tmp_path / "ride.mcap") as recorder:
         with pytest.raises(ValueError, match="add_topic"):
             recorder.write("/bike/state", bytes(8), 0)
         recorder.add_topic("/bike/state", "bike_msgs/msg/BikeState")
@@ -169,9 +169,9 @@ def test_misuse_gets_one_clear_error(share, tmp_path: Path) -> None:
         recorder.write("/bike/state", bytes(8), 0)
 
 
-def test_the_file_is_finished_when_the_caller_fails(share, tmp_path: Path) -> None:
+def test_the_file_is_finished_when_the_caller_fails(tmp_path: Path) -> None:
     def record_and_fail() -> None:
-        with RideRecorder(tmp_path / "ride.mcap", share=share) as recorder:
+        with RideRecorder(tmp_path / "ride.mcap") as recorder:
             recorder.add_topic("/bike/state", "bike_msgs/msg/BikeState")
             recorder.write("/bike/state", bytes(2000), 5)
             raise RuntimeError("the caller")
@@ -183,11 +183,11 @@ def test_the_file_is_finished_when_the_caller_fails(share, tmp_path: Path) -> No
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_disk_that_is_full_from_the_start_is_one_clear_error(share, tmp_path: Path) -> None:
+def test_a_disk_that_is_full_from_the_start_is_one_clear_error(tmp_path: Path) -> None:
     path = tmp_path / "ride.mcap"
     path.symlink_to("/dev/full")
     with pytest.raises(OSError, match=r"recording .*ride\.mcap stopped: No space left"):
-        RideRecorder(path, share=share, overwrite=True)
+        RideRecorder(path, overwrite=True)
 
 
 FILLED = """

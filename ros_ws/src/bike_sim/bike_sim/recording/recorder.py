@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from bike_sim.recording.definitions import MessageType, ShareResolver, ament_share, message_type
+from bike_sim.recording.definitions import MessageType, message_type
 from bike_sim.recording.in_use import Claim
 from bike_sim.recording.mcap_file import COMPRESSIONS, McapFile
 from bike_sim.recording.metadata import (
@@ -64,7 +64,6 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         self,
         path: str | os.PathLike[str],
         *,
-        share: ShareResolver = ament_share,
         compression: str = "zstd",
         chunk_bytes: int = CHUNK_BYTES,
         notes: Mapping[str, str] | None = None,
@@ -76,7 +75,6 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         Args:
             path: ``name.mcap`` for a single file, or a directory name for a rosbag2 directory (``name/name_0.mcap``
                 and ``name/metadata.yaml``, as ``ros2 bag record -o name`` makes it). Parents are created.
-            share: Where message packages are, for the schemas of `add_topic`.
             compression: Of chunks: ``zstd``, ``lz4`` or ``none``.
             chunk_bytes: Uncompressed size at which a chunk is closed, bytes.
             notes: Anything worth keeping about the ride (vehicle, policy, seed ...), text to text.
@@ -99,7 +97,6 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         self._directory = None if target.suffix == ".mcap" else target
         self._claim = self._claimed(target, overwrite)
         self.message_count = 0
-        self._share = share
         self._notes = dict(notes or {})
         self._metadata_file = metadata_file
         self._topics: dict[str, _Topic] = {}
@@ -143,7 +140,7 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
 
         Args:
             topic: Full name, for example ``/bike/state``.
-            type_: Full type name, whose definition the resolver finds, or the type itself.
+            type_: Full name of an installed type, or the type itself.
             qos: What its publisher offers, or each of them.
 
         Raises:
@@ -155,7 +152,7 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         offered = (qos,) if isinstance(qos, Qos) else tuple(qos or (Qos(),))
         known = self._topics.get(topic)
         if known is None:
-            described = message_type(type_, self._share) if isinstance(type_, str) else type_
+            described = message_type(type_) if isinstance(type_, str) else type_
             known = self._topics[topic] = _Topic(described, offered)
             self._announce(file, topic, known)
         elif known.type.name != name:

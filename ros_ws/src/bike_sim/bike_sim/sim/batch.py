@@ -265,10 +265,6 @@ class Batch:
         for index in range(self.count):
             self.courses(index).add(name, track)
 
-    def share_courses(self, other: Batch) -> None:
-        """Take courses from where another batch of the same vehicles takes them."""
-        self._courses = other._courses
-
     def at_own_speed(self, index: int, request: ResetRequest) -> ResetRequest:
         """Return a request with the default start speed of a row's vehicle.
 
