@@ -1,17 +1,16 @@
 """The simulator over ROS 2, with the same methods as the one in process.
 
-A `RosClient` starts its own simulator node in its own ROS domain, or joins one that runs. Each step is one command
-and one state in lockstep, so the rides are bit for bit those of :class:`bike_sim.sim.simulator.Simulator`.
+A `RosClient` starts its own simulator node in its own ROS domain. Each step is one command and one state in lockstep,
+so the rides are bit for bit those of :class:`bike_sim.sim.simulator.Simulator`.
 """
 
 from __future__ import annotations
 
 import contextlib
-import os
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Final
 
 from bike_msgs.msg import BikeCommand, BikeState
@@ -21,7 +20,7 @@ from bike_msgs.srv import Reset
 from bike_sim.course.course import Course
 from bike_sim.ros import messages, node_tools
 from bike_sim.ros.command_gate import Command
-from bike_sim.ros.isolation import DOMAIN_VARIABLE, DomainLease
+from bike_sim.ros.isolation import DomainLease
 from bike_sim.ros.subscriptions import RawSubscription, subscribe
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import Preview, ResetRequest
@@ -36,29 +35,15 @@ START_TIMEOUT: Final = 60.0
 RESEND_AFTER: Final = 0.5
 """Time without an answer after which a command is sent again, s."""
 
-
-@dataclass(frozen=True)
-class RosClientConfig:
-    """Access to a simulator.
-
-    Attributes:
-        join: False starts a new simulator node, True uses one that runs.
-        namespace: namespace of the simulator's topics.
-        domain_id: ROS domain; None takes a free one for its own simulator, and this process's when joining.
-        timeout: silence after which the simulator counts as lost, s.
-    """
-
-    join: bool = False
-    namespace: str = node_tools.NAMESPACE
-    domain_id: int | None = None
-    timeout: float = 10.0
+SILENCE: Final = 10.0
+"""Silence after which the simulator counts as lost, s."""
 
 
 class RosClient(AbstractContextManager["RosClient"]):
     """Rides one simulator node in lockstep.
 
     Attributes:
-        config: of the simulator (as given, when joining).
+        config: of the simulator.
         vehicle: the vehicle of that name or file.
         domain_id: ROS domain that is used.
         preview: the preview of the present episode.
@@ -66,16 +51,15 @@ class RosClient(AbstractContextManager["RosClient"]):
 
     preview = Preview()
 
-    def __init__(self, config: SimulatorConfig | None = None, ros: RosClientConfig | None = None) -> None:
-        """Start or find the simulator.
+    def __init__(self, config: SimulatorConfig | None = None) -> None:
+        """Start the simulator.
 
         Raises:
-            NodeLost: it ended or did not appear in time; with its last output if it is a new one.
+            NodeLost: it ended or did not appear in time; with its last output.
             FileNotFoundError: an unknown vehicle. ValueError: an invalid vehicle.
         """
         self.config = config or SimulatorConfig()
         self.vehicle: Vehicle = load_vehicle(self.config.vehicle)
-        self._ros = ros or RosClientConfig()
         self._close = contextlib.ExitStack()
         try:
             self._open()
@@ -84,14 +68,11 @@ class RosClient(AbstractContextManager["RosClient"]):
             raise
 
     def _open(self) -> None:
-        self.domain_id = self._choose_domain()
-        self._process: NodeProcess | None = None
-        if not self._ros.join:
-            parameters = asdict(self.config) | {"mode": "lockstep", "auto_reset": "never", "course": "line"}
-            self._process = NodeProcess("bike_sim.ros.sim_node", parameters, self.domain_id, self._ros.namespace)
-            self._close.callback(self._process.close)
-        name = f"ride_client_{os.getpid()}_{id(self) & 0xFFFF:x}"
-        self._node = node_tools.GuestNode(name, self.domain_id, self._ros.namespace)
+        self.domain_id = self._close.enter_context(DomainLease()).domain_id
+        parameters = asdict(self.config) | {"mode": "lockstep", "auto_reset": "never", "course": "line"}
+        self._process = NodeProcess("bike_sim.ros.sim_node", parameters, self.domain_id)
+        self._close.enter_context(self._process)
+        self._node = node_tools.GuestNode("ride_client", self.domain_id)
         self._close.callback(self._node.close)
         self._commands = self._node.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
         # Before the subscriptions: a matched simulator knows where to send its answers; earlier ones are dropped.
@@ -103,15 +84,6 @@ class RosClient(AbstractContextManager["RosClient"]):
         self._last: Snapshot | None = None
         self._wait_until(self._connected, START_TIMEOUT, "did not appear")
 
-    def _choose_domain(self) -> int:
-        if self._ros.domain_id is not None:
-            return self._ros.domain_id
-        if self._ros.join:
-            return int(os.environ.get(DOMAIN_VARIABLE) or 0)
-        lease = DomainLease()
-        self._close.callback(lease.close)
-        return lease.domain_id
-
     # ---------------------------------------------------------------------------------------------- simulator's methods
 
     @property
@@ -122,7 +94,7 @@ class RosClient(AbstractContextManager["RosClient"]):
         episode = self._last.episode
         self._wait_until(
             lambda: self._course is not None and self._course[0] == episode,
-            self._ros.timeout,
+            SILENCE,
             f"has not sent the course of episode {episode}",
         )
         assert self._course is not None
@@ -137,7 +109,7 @@ class RosClient(AbstractContextManager["RosClient"]):
         """
         future = self._reset_service.call_async(messages.reset_to_message(request))
         try:
-            self._wait_until(future.done, self._ros.timeout, "has not answered a reset")
+            self._wait_until(future.done, SILENCE, "has not answered a reset")
         finally:
             self._reset_service.remove_pending_request(future)
         response = future.result()
@@ -173,7 +145,7 @@ class RosClient(AbstractContextManager["RosClient"]):
         return self._last
 
     def close(self) -> None:
-        """End the simulator if this client started it, and leave the domain. A second call does nothing."""
+        """End the simulator, and leave the domain. A second call does nothing."""
         self._close.close()
 
     def __exit__(self, *_: object) -> None:
@@ -184,7 +156,7 @@ class RosClient(AbstractContextManager["RosClient"]):
 
     def _exchange(self, command: bytes, episode: int, step: int) -> Snapshot:
         """Send a command, again and again if need be, until the state of the given step comes."""
-        patience = self._patience(self._ros.timeout)
+        patience = InactivityTimeout(SILENCE, [self._process])
         while True:
             self._commands.publish(command)
             resend_at = time.monotonic() + RESEND_AFTER
@@ -192,9 +164,9 @@ class RosClient(AbstractContextManager["RosClient"]):
                 state = self._receive(resend_at - now)
                 if state is not None and state.episode == episode and state.step == step:
                     return state
-            self._check_alive()
+            self._process.check()
             if patience.is_out():
-                raise self._lost(f"has not answered step {step} of episode {episode} within {self._ros.timeout:g} s")
+                raise self._lost(f"has not answered step {step} of episode {episode} within {SILENCE:g} s")
 
     def _receive(self, timeout: float) -> Snapshot | None:
         """Return the next state, or None after the time-out."""
@@ -214,21 +186,13 @@ class RosClient(AbstractContextManager["RosClient"]):
         return bool(seen) and self._reset_service.service_is_ready()
 
     def _wait_until(self, condition: Callable[[], bool], timeout: float, complaint: str) -> None:
-        patience = self._patience(timeout)
+        patience = InactivityTimeout(timeout, [self._process])
         while not condition():
             self._node.spin_once(0.02)
-            self._check_alive()
+            self._process.check()
             if patience.is_out():
                 raise self._lost(f"{complaint} within {timeout:g} s")
 
-    def _patience(self, limit: float) -> InactivityTimeout:
-        """Return the longest accepted silence, s; a working child simulator is not silent."""
-        return InactivityTimeout(limit, [process for process in (self._process,) if process is not None])
-
-    def _check_alive(self) -> None:
-        if self._process is not None:
-            self._process.check()
-
     def _lost(self, complaint: str) -> NodeLost:
-        where = f"/{self._ros.namespace.strip('/')} in ROS domain {self.domain_id}"
+        where = f"/{node_tools.NAMESPACE} in ROS domain {self.domain_id}"
         return NodeLost(f"the simulator {where} {complaint}; is it running, in lockstep, and not paused?")

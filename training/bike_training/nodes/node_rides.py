@@ -94,9 +94,9 @@ def ride_recorded(
 class RideMonitor(AbstractContextManager["RideMonitor"]):
     """Listens to the state of a simulator in a ROS domain."""
 
-    def __init__(self, domain_id: int, namespace: str = node_tools.NAMESPACE) -> None:
+    def __init__(self, domain_id: int) -> None:
         """Join the domain."""
-        self._node = node_tools.GuestNode(f"ride_monitor_{os.getpid()}", domain_id, namespace)
+        self._node = node_tools.GuestNode(f"ride_monitor_{os.getpid()}", domain_id)
         self._state: BikeState | None = None
         self._recorded: frozenset[str] = frozenset()
         self._recorder = f"{self._node.get_namespace()}/record".lstrip("/")
