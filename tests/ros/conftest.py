@@ -98,6 +98,12 @@ class Witness(node_tools.GuestNode):
         """Whether a recorder has written messages of topics; what is sent from now on reaches it, too."""
         return {f"/bike/{topic}" for topic in topics} <= set(self.figures(file).get("topics_heard", "").split())
 
+    def open(self, kind: type, topic: str, qos: QoSProfile = node_tools.SENDER_QOS) -> Any:
+        """Return a publisher that the recorder hears."""
+        publisher = self.create_publisher(kind, topic, qos)
+        self.until(publisher.get_subscription_count)
+        return publisher
+
     def listen(self, kind: type, topic: str, qos: Any = None) -> list[Any]:
         """Return a list that grows with each message."""
         heard: list[Any] = []
@@ -214,16 +220,6 @@ class StateProbe(Witness):
         return future.result()
 
 
-class TopicPublisher(Witness):
-    """Publishes what a recorder is to hear."""
-
-    def open(self, kind: type, topic: str, qos: QoSProfile = node_tools.SENDER_QOS) -> Any:
-        """Return a publisher that the recorder hears."""
-        publisher = self.create_publisher(kind, topic, qos)
-        self.until(publisher.get_subscription_count)
-        return publisher
-
-
 @pytest.fixture
 def run_here(ros: RosFixture, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Any:
     """Runs a node in this process, which must end by itself; returns its exit code and its words."""
@@ -266,9 +262,9 @@ class RosFixture:
         probe.until(probe.connected)
         return probe
 
-    def sender(self) -> TopicPublisher:
+    def sender(self) -> Witness:
         """Return a node that publishes what it likes."""
-        sender = TopicPublisher("sender", self.domain)
+        sender = Witness("sender", self.domain)
         self._witnesses.append(sender)
         return sender
 

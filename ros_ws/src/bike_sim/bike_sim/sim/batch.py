@@ -182,11 +182,6 @@ class Batch:
         return tuple(plant.vehicle for plant in self._plants)
 
     @property
-    def signal_names(self) -> tuple[str, ...]:
-        """Names of the columns of `signals`."""
-        return self._plants[0].signal_names
-
-    @property
     def preview_x(self) -> FloatArray:
         """Distances of the preview points ahead, m, shape (n, points)."""
         return self.rows.preview[:, 0]
