@@ -153,7 +153,7 @@ def test_every_output_has_the_fields_of_its_records(folder: Path, with_telemetry
     files = ("--out", str(tmp_path / "o"), "--csv", str(tmp_path / "t.csv"), "--parquet", str(tmp_path / "t.parquet"))
     result = run(capsys, str(copy), *files)
     check_fields(result)
-    assert all(Path(result["figures"][name]).exists() for name in ("page", "picture", "csv", "parquet"))
+    assert all(Path(result["figures"][name]).exists() for name in ("page", "csv", "parquet"))
 
 
 def test_split_recordings_are_read_as_one(writer, circle, tmp_path: Path) -> None:
