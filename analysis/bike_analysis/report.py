@@ -1,4 +1,4 @@
-"""From recordings to their report: figures, comparisons, page, picture and tables."""
+"""From recordings to their report: figures, comparisons, page, video and tables."""
 
 from __future__ import annotations
 
@@ -10,26 +10,19 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
-import matplotlib as mpl
 import pandas as pd
 
 from bike_analysis.figures.circuit import Theory, circuit_figures, ridden_circuit
 from bike_analysis.figures.compare import Comparison, CourseError
-from bike_analysis.figures.metrics import Figures
 from bike_analysis.figures.recorded import RecordedLap, RecordedRide, RideRecording, comparable, compare, open_ride
 from bike_analysis.figures.results import comparison_figures, finite, recording_figures, ride_entry
-from bike_analysis.page.document import RC
-from bike_analysis.page.plots import overview_figure
 from bike_analysis.page.ride_page import write_page
 from bike_analysis.page.video import write_video
-from bike_analysis.read.container import METADATA_FILE, RecordingError, find_files, shown
+from bike_analysis.read.container import METADATA_FILE, RecordingError, find_files
 from bike_sim.course.track import Track
 
 PAGE_NAME: Final = "ride.html"
 LAP_PAGE_NAME: Final = "lap.html"
-PICTURE_NAME: Final = "ride.png"
-MAX_HEADLINE_NAME: Final = 60
-"""Characters of the course's name that fit above the picture."""
 DRAWN_RUNS: Final = 8
 """Rides or laps that are drawn side by side: the fastest ones. Figures and tables have all of them."""
 
@@ -60,7 +53,7 @@ def analyze(
 
     Args:
         paths: One or more MCAP files, complete or truncated, or rosbag2 directories.
-        out_dir: Where to write ``ride.html`` and ``ride.png``; nothing is written without it. It is created.
+        out_dir: Where to write ``ride.html``; nothing is written without it. It is created.
         namespace: Namespace of the vehicle's topics, where several were recorded.
         csv: File for the aligned table as CSV.
         parquet: File for the same as Parquet.
@@ -79,8 +72,8 @@ def analyze(
         OSError: If a file cannot be read or written.
     """
     given = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
-    pages = [] if out_dir is None else [Path(out_dir) / PAGE_NAME, Path(out_dir) / PICTURE_NAME]
-    _keep_recordings(given, [*pages, *(Path(path) for path in (csv, parquet, video and video.path) if path)])
+    page = None if out_dir is None else Path(out_dir) / PAGE_NAME
+    _keep_recordings(given, [Path(path) for path in (page, csv, parquet, video and video.path) if path])
     recordings, unread = _open_all(given, namespace)
     comparisons, incomparable = _comparisons(recordings, station_m)
     several = [c for c in comparisons if len(c.runs) > 1]
@@ -92,9 +85,10 @@ def analyze(
         "truncated": any(recording.data.truncated for recording in recordings),
         "warnings": [*unread, *_warnings(recordings), *incomparable],
     }
-    if out_dir is not None:
-        page, picture = write_report(recordings, several, Path(out_dir))
-        figures |= {"page": str(page), "picture": str(picture)}
+    if page is not None:
+        page.parent.mkdir(parents=True, exist_ok=True)
+        largest = max(several, key=lambda c: len(c.runs), default=None)
+        figures["page"] = str(write_page(recordings, page, None if largest is None else largest.fastest(DRAWN_RUNS)))
     if csv is not None:
         figures["csv"] = str(write_table(comparisons, csv))
     if parquet is not None:
@@ -200,42 +194,6 @@ def _comparisons(recordings: Sequence[RideRecording], station_m: float | None) -
         except CourseError as error:
             incomparable.append(f"no comparison: {error}")
     return found, incomparable
-
-
-def write_report(
-    recordings: Sequence[RideRecording], comparisons: Sequence[Comparison], out_dir: Path
-) -> tuple[Path, Path]:
-    """Write the report page and the picture.
-
-    Args:
-        recordings: What was read.
-        comparisons: What was compared; the page shows the one with the most runs.
-        out_dir: Directory, created if need be.
-
-    Returns:
-        Paths of the page and of the picture. The picture shows the longest ride.
-
-    Raises:
-        OSError: If a file cannot be written.
-    """
-    out_dir.mkdir(parents=True, exist_ok=True)
-    page, picture = out_dir / PAGE_NAME, out_dir / PICTURE_NAME
-    largest = max(comparisons, key=lambda c: len(c.runs), default=None)
-    write_page(recordings, page, None if largest is None else largest.fastest(DRAWN_RUNS))
-    rides = [ride for recording in recordings for ride in recording.rides]
-    longest = max(rides, key=lambda ride: ride.figures.distance_m)
-    with mpl.rc_context(RC):
-        overview_figure(longest.evaluated, _headline(longest.figures)).savefig(picture, dpi=160)
-    return page, picture
-
-
-def _headline(f: Figures) -> str:
-    parts = [shown(f.course or "ride", MAX_HEADLINE_NAME)]
-    if f.speed_mean_m_s is not None:
-        parts.append(f"{f.speed_mean_m_s:.2f} m/s")
-    if f.mean_error_m is not None and f.max_error_m is not None:
-        parts.append(f"mean distance {f.mean_error_m:.3f} m, largest {f.max_error_m:.3f} m")
-    return " · ".join(parts)
 
 
 def write_table(comparisons: Sequence[Comparison], path: str | os.PathLike[str], parquet: bool = False) -> Path:

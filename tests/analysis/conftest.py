@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,10 +14,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from bike_sim.recording.definitions import message_type
 from bike_sim.recording.metadata import LATCHED, Qos
 from bike_sim.recording.recorder import RideRecorder
-from tests.shares import first_share, source_share
 
-WORKSPACE = Path(__file__).parents[2] / "ros_ws" / "src"
-SHARE = first_share(source_share(WORKSPACE), source_share(Path(sys.prefix) / "share", "/opt/ros/jazzy/share"))
 TYPES = {
     "/bike/state": "bike_msgs/msg/BikeState",
     "/bike/command": "bike_msgs/msg/BikeCommand",
@@ -53,7 +49,7 @@ class Messages:
 
     def learn(self, name: str) -> None:
         """Get to know a type of an installed package."""
-        fresh = get_types_from_msg(message_type(name, SHARE).definition, name)
+        fresh = get_types_from_msg(message_type(name).definition, name)
         self.store.register({k: v for k, v in fresh.items() if k not in self.store.fielddefs})
 
     def make(self, name: str, /, **values: Any) -> Any:
@@ -148,7 +144,7 @@ class EpisodeWriter:
 
     def write(self, path: Path, rides: Iterable[SyntheticRide], topics: Iterable[str] = TYPES, **options: Any) -> Path:
         # Small chunks, so that a short ride has several of them.
-        options = {"share": SHARE, "chunk_bytes": 64 * 1024, **options}
+        options = {"chunk_bytes": 64 * 1024, **options}
         with RideRecorder(path, **options) as recorder:
             recorder.flush_period_s = 1e9
             for topic in topics:
@@ -217,8 +213,3 @@ def old_recording() -> Path:
 @pytest.fixture(scope="session")
 def evil_names() -> tuple[str, ...]:
     return EVIL_NAMES
-
-
-@pytest.fixture(scope="session")
-def share() -> Any:
-    return SHARE

@@ -17,6 +17,7 @@ from bike_analysis.page.ride_view import histograms, ride_view
 from bike_sim.recording.recorder import RideRecorder
 from bike_sim.schema import SIGNALS, SUSPENSION, TELEMETRY
 from bike_training.cli import main
+from tests.bags import split_recording
 
 PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "analysis.md").read_text(encoding="utf-8")
 
@@ -51,14 +52,14 @@ def cells(heading: str) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def with_telemetry(messages, share, folder: Path) -> Path:
+def with_telemetry(messages, folder: Path) -> Path:
     """A few states with telemetry and signals; every number is its field's place in the message."""
     for name in ("bike_msgs/msg/Telemetry", "bike_msgs/msg/BikeState", "bike_msgs/msg/EpisodeStart"):
         messages.learn(name)
     path = folder / "telemetry.mcap"
     values = {name: float(k) for k, name in enumerate(TELEMETRY.names)}
     flags = ("traction_control", "anti_wheelie", "brake_control", "anti_stoppie", *_LOST)
-    with RideRecorder(path, share=share, metadata_file=False) as recorder:
+    with RideRecorder(path, metadata_file=False) as recorder:
         recorder.add_topic("/bike/state", "bike_msgs/msg/BikeState")
         recorder.add_topic("/bike/telemetry", "bike_msgs/msg/Telemetry")
         recorder.add_topic("/bike/episode", "bike_msgs/msg/EpisodeStart")
@@ -152,15 +153,13 @@ def test_every_output_has_the_fields_of_its_records(folder: Path, with_telemetry
     files = ("--out", str(tmp_path / "o"), "--csv", str(tmp_path / "t.csv"), "--parquet", str(tmp_path / "t.parquet"))
     result = run(capsys, str(copy), *files)
     check_fields(result)
-    assert all(Path(result["figures"][name]).exists() for name in ("page", "picture", "csv", "parquet"))
+    assert all(Path(result["figures"][name]).exists() for name in ("page", "csv", "parquet"))
 
 
 def test_split_recordings_are_read_as_one(writer, circle, tmp_path: Path) -> None:
-    """A directory whose metadata lists several files, as rosbag2 and the recorder leave them."""
-    from bike_sim.recording.recorder import Split
-
+    """A directory whose metadata lists several files, as rosbag2 leaves them."""
     whole = writer.write(tmp_path / "whole.mcap", [circle(steps=300)], metadata_file=False)
-    writer.write(tmp_path / "parts", [circle(steps=300)], split=Split(max_duration_s=4.0), chunk_bytes=2000)
+    split_recording(whole, tmp_path / "parts", 4.0)
     assert len(list((tmp_path / "parts").glob("*.mcap"))) > 2
     one, many = open_ride(whole), open_ride(tmp_path / "parts")
     assert many.warnings == one.warnings

@@ -30,7 +30,7 @@ ODOMETRY, IMU, FIX = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "sensor_msg
 
 
 @pytest.fixture(scope="module")
-def foreign(messages, share, tmp_path_factory: pytest.TempPathFactory):
+def foreign(messages, tmp_path_factory: pytest.TempPathFactory):
     """Write standard messages: a ride around a circle of 20 m radius to the left at 5 m/s, leaning 0.2 rad."""
     for name in (ODOMETRY, IMU, FIX):
         messages.learn(name)
@@ -96,7 +96,7 @@ def foreign(messages, share, tmp_path_factory: pytest.TempPathFactory):
         change: Callable[[float, Any], None] = lambda time, message: None,
     ) -> Path:
         path = folder / f"{len(list(folder.iterdir()))}.mcap"
-        with RideRecorder(path, share=share, metadata_file=False) as recorder:
+        with RideRecorder(path, metadata_file=False) as recorder:
             for kind in kinds:
                 recorder.add_topic(makers[kind][0], kind)
             for step in range(round(seconds * RATE)):

@@ -25,8 +25,9 @@ from bike_analysis.read.container import MAGIC, Container, RecordingError, find_
 from bike_analysis.read.messages import STATE_QUANTITIES, Table
 from bike_analysis.read.reading import forward_time, read_recording
 from bike_sim.recording.definitions import MessageType, message_type
-from bike_sim.recording.recorder import RideRecorder, Split
+from bike_sim.recording.recorder import RideRecorder
 from bike_training.replay import read_rides
+from tests.bags import split_recording
 
 COLUMN_NAMES = ("time_s", "episode", "step", *(quantity.name for quantity in STATE_QUANTITIES))
 
@@ -80,8 +81,8 @@ def test_other_topics_are_read(recorded: Path) -> None:
 @pytest.fixture
 def split(writer, circle, tmp_path: Path) -> Path:
     """A recording in three files, a second of riding each."""
-    folder = tmp_path / "tour"
-    writer.write(folder, [circle(steps=60)], split=Split(max_duration_s=0.99))
+    whole = writer.write(tmp_path / "whole.mcap", [circle(steps=60)])
+    folder = split_recording(whole, tmp_path / "tour", 0.99)
     assert [path.name for path in find_files(folder)] == ["tour_0.mcap", "tour_1.mcap", "tour_2.mcap"]
     return folder
 
@@ -300,7 +301,7 @@ def test_missing_files(tmp_path: Path) -> None:
         read_recording(tmp_path)
 
 
-def test_recordings_without_our_topics(tmp_path: Path, writer, circle, share) -> None:
+def test_recordings_without_our_topics(tmp_path: Path, writer, circle) -> None:
     with RideRecorder(tmp_path / "foreign.mcap") as recorder:
         recorder.add_topic("/chatter", MessageType("std_msgs/msg/String", "string data\n"))
         recorder.write("/chatter", b"\0\1\0\0" + (3).to_bytes(4, "little") + b"hi\0", 1)
@@ -317,10 +318,10 @@ def test_recordings_without_our_topics(tmp_path: Path, writer, circle, share) ->
         read_recording(tmp_path / "json.mcap")
 
 
-def write_with_stamps(path: Path, writer, share, ride, stamps) -> Path:
+def write_with_stamps(path: Path, writer, ride, stamps) -> Path:
     """A ride in lockstep whose states and commands have these stamps."""
     columns = {name: column.tolist() for name, column in ride.states.items()}
-    with RideRecorder(path, share=share, overwrite=True) as recorder:
+    with RideRecorder(path, overwrite=True) as recorder:
         for topic, kind in (("state", "BikeState"), ("command", "BikeCommand"), ("course", "Course")):
             recorder.add_topic(f"/bike/{topic}", f"bike_msgs/msg/{kind}")
         writer._put(recorder, "/bike/course", 1.0, episode=1, **ride.course)
@@ -333,7 +334,7 @@ def write_with_stamps(path: Path, writer, share, ride, stamps) -> Path:
 
 
 @pytest.mark.parametrize("fault", ["set back", "set forward and back", "shuffled", "backwards"])
-def test_a_clock_that_goes_back_does_not_shorten_a_lap(writer, circle, share, tmp_path: Path, fault: str) -> None:
+def test_a_clock_that_goes_back_does_not_shorten_a_lap(writer, circle, tmp_path: Path, fault: str) -> None:
     ride = circle(steps=700)
     right = 30.0 + 0.05 * np.arange(700)
     wrong = {
@@ -342,8 +343,8 @@ def test_a_clock_that_goes_back_does_not_shorten_a_lap(writer, circle, share, tm
         "shuffled": np.random.default_rng(1).permutation(right),
         "backwards": right[::-1],
     }[fault]
-    (expected,) = open_ride(write_with_stamps(tmp_path / "right.mcap", writer, share, ride, right)).rides
-    recording = open_ride(write_with_stamps(tmp_path / "wrong.mcap", writer, share, ride, wrong))
+    (expected,) = open_ride(write_with_stamps(tmp_path / "right.mcap", writer, ride, right)).rides
+    recording = open_ride(write_with_stamps(tmp_path / "wrong.mcap", writer, ride, wrong))
     (found,) = recording.rides
     assert expected.recording.warnings == ()
     assert [lap.duration_s for lap in found.laps] == pytest.approx([lap.duration_s for lap in expected.laps])
@@ -383,8 +384,8 @@ def write_states_of(definition: str, tmp_path: Path, payload: bytes) -> Path:
     return tmp_path / "other.mcap"
 
 
-def test_other_versions_of_the_state(tmp_path: Path, share) -> None:
-    header = message_type("bike_msgs/msg/BikeCommand", share).definition.split("=" * 80, 1)[1]
+def test_other_versions_of_the_state(tmp_path: Path) -> None:
+    header = message_type("bike_msgs/msg/BikeCommand").definition.split("=" * 80, 1)[1]
     body = "std_msgs/Header header\nuint32 episode\nuint32 step\nfloat64 x\nfloat64 y\n"
     stamp = b"\0\1\0\0" + bytes(8) + (1).to_bytes(4, "little") + b"\0" + bytes(3)  # frame_id "", padded to four bytes
     numbers = (7).to_bytes(4, "little") + bytes(4) + np.array([1.5, -2.5, 0.25]).tobytes()
@@ -409,9 +410,9 @@ def test_other_versions_of_the_state(tmp_path: Path, share) -> None:
         read_recording(short)
 
 
-def write_vehicles(path: Path, messages, share, *topics: str) -> Path:
+def write_vehicles(path: Path, messages, *topics: str) -> Path:
     """A state on each topic."""
-    with RideRecorder(path, share=share) as recorder:
+    with RideRecorder(path) as recorder:
         for place, topic in enumerate(topics):
             message = messages.make("bike_msgs/msg/BikeState", header=messages.header(1.0), x=float(place))
             recorder.add_topic(topic, "bike_msgs/msg/BikeState")
@@ -419,8 +420,8 @@ def write_vehicles(path: Path, messages, share, *topics: str) -> Path:
     return path
 
 
-def test_several_vehicles_must_be_chosen(tmp_path: Path, messages, share) -> None:
-    path = write_vehicles(tmp_path / "two.mcap", messages, share, "/red/state", "/blue/state")
+def test_several_vehicles_must_be_chosen(tmp_path: Path, messages) -> None:
+    path = write_vehicles(tmp_path / "two.mcap", messages, "/red/state", "/blue/state")
     with pytest.raises(RecordingError, match="/blue, /red"):
         read_recording(path)
     assert read_recording(path, namespace="red").namespace == "/red"
@@ -428,8 +429,8 @@ def test_several_vehicles_must_be_chosen(tmp_path: Path, messages, share) -> Non
         read_recording(path, namespace="/green")
 
 
-def test_the_usual_vehicle_is_read_with_a_warning_that_names_the_others(tmp_path: Path, messages, share) -> None:
-    path = write_vehicles(tmp_path / "two.mcap", messages, share, "/abc/state", "/bike/state", "/state")
+def test_the_usual_vehicle_is_read_with_a_warning_that_names_the_others(tmp_path: Path, messages) -> None:
+    path = write_vehicles(tmp_path / "two.mcap", messages, "/abc/state", "/bike/state", "/state")
     recording = read_recording(path)
     assert (recording.namespace, recording.states.x[0]) == ("/bike", 1.0)
     (told,) = [text for text in recording.warnings if "several vehicles" in text]
@@ -438,8 +439,8 @@ def test_the_usual_vehicle_is_read_with_a_warning_that_names_the_others(tmp_path
     assert not any("several" in text for text in read_recording(path, "abc").warnings)
 
 
-def test_a_vehicle_in_the_root_namespace(tmp_path: Path, messages, share) -> None:
-    path = write_vehicles(tmp_path / "root.mcap", messages, share, "/state", "/abc/state")
+def test_a_vehicle_in_the_root_namespace(tmp_path: Path, messages) -> None:
+    path = write_vehicles(tmp_path / "root.mcap", messages, "/state", "/abc/state")
     for name in ("/", ""):
         recording = read_recording(path, name)
         assert (recording.namespace, recording.states.x[0]) == ("", 0.0)
@@ -447,25 +448,25 @@ def test_a_vehicle_in_the_root_namespace(tmp_path: Path, messages, share) -> Non
         assert recorded.columns["x"].tolist() == [0.0]
     with pytest.raises(RecordingError, match="no states of /bike; it has /, /abc"):
         read_recording(path, "/bike")
-    alone = read_recording(write_vehicles(tmp_path / "alone.mcap", messages, share, "/state"))
+    alone = read_recording(write_vehicles(tmp_path / "alone.mcap", messages, "/state"))
     assert alone.namespace == ""
     with pytest.raises(RecordingError, match="no states of /; it has /abc"):
-        read_recording(write_vehicles(tmp_path / "abc.mcap", messages, share, "/abc/state"), "/")
+        read_recording(write_vehicles(tmp_path / "abc.mcap", messages, "/abc/state"), "/")
 
 
-def test_states_are_read_from_topics_named_state(tmp_path: Path, messages, share) -> None:
-    foo = write_vehicles(tmp_path / "foo.mcap", messages, share, "/foo", "/bike/mystate")
+def test_states_are_read_from_topics_named_state(tmp_path: Path, messages) -> None:
+    foo = write_vehicles(tmp_path / "foo.mcap", messages, "/foo", "/bike/mystate")
     with pytest.raises(
         RecordingError, match=r"foo\.mcap: .* a topic named state, here they are on /bike/mystate, /foo"
     ):
         read_recording(foo)
     with pytest.raises(RecordingError, match="no states of /foo; it has none"):
         read_recording(foo, "foo")
-    both = read_recording(write_vehicles(tmp_path / "both.mcap", messages, share, "/foo", "/red/state"))
+    both = read_recording(write_vehicles(tmp_path / "both.mcap", messages, "/foo", "/red/state"))
     assert (both.namespace, both.states.x[0]) == ("/red", 1.0)
 
 
-def test_latencies_are_those_of_the_chosen_vehicle(tmp_path: Path, messages, share) -> None:
+def test_latencies_are_those_of_the_chosen_vehicle(tmp_path: Path, messages) -> None:
     kind, make = "diagnostic_msgs/msg/DiagnosticArray", messages.make
 
     def status(name: str, **values: float) -> Any:
@@ -475,7 +476,7 @@ def test_latencies_are_those_of_the_chosen_vehicle(tmp_path: Path, messages, sha
     def latencies(vehicle: str, *statuses: Any) -> tuple[list[float], int | None]:
         path = tmp_path / "two.mcap"
         state = messages.cdr("bike_msgs/msg/BikeState", make("bike_msgs/msg/BikeState", header=messages.header(1.0)))
-        with RideRecorder(path, share=share, overwrite=True) as recorder:
+        with RideRecorder(path, overwrite=True) as recorder:
             for name in ("bike", "bike2"):
                 recorder.add_topic(f"/{name}/state", "bike_msgs/msg/BikeState")
                 recorder.write(f"/{name}/state", state, 0)
@@ -556,10 +557,10 @@ def read_columns(schema: MessageSchema, messages: list[bytes], fields: list[str]
     return reader.finish()
 
 
-def test_excess_bytes_after_a_message_are_ignored_and_can_be_cut_off(messages, share) -> None:
+def test_excess_bytes_after_a_message_are_ignored_and_can_be_cut_off(messages) -> None:
     """rclpy's serialize_message leaves arbitrary bytes behind a message with empty arrays."""
     name = "bike_msgs/msg/Course"
-    schema = MessageSchema(name, message_type(name, share).definition)
+    schema = MessageSchema(name, message_type(name).definition)
     exact = messages.cdr(name, messages.make(name, name="a", section_names=["b", "cde"]))
     padded = exact + b"\xa5" * 28
     assert schema.decode(padded).section_names == ["b", "cde"]
@@ -570,8 +571,8 @@ def test_excess_bytes_after_a_message_are_ignored_and_can_be_cut_off(messages, s
             schema.decode(wrong)
 
 
-def test_unchunked_files_are_read(tmp_path: Path, messages, share) -> None:
-    described = message_type("bike_msgs/msg/BikeState", share)
+def test_unchunked_files_are_read(tmp_path: Path, messages) -> None:
+    described = message_type("bike_msgs/msg/BikeState")
     message = messages.make("bike_msgs/msg/BikeState", header=messages.header(1.0), episode=3, x=1.0)
     with (tmp_path / "flat.mcap").open("wb") as file:
         flat = Writer(file, use_chunking=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import os
 import re
@@ -22,8 +21,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_types_from_msg
 
 from bike_sim.recording.definitions import MessageType, ament_share, message_type
-from bike_sim.recording.metadata import Qos
-from bike_sim.recording.recorder import RideRecorder, Split
+from bike_sim.recording.recorder import RideRecorder
 
 
 def read_with_rosbags(path: Path) -> list[tuple[str, int, object]]:
@@ -31,8 +29,8 @@ def read_with_rosbags(path: Path) -> list[tuple[str, int, object]]:
         return [(c.topic, t, reader.deserialize(data, c.msgtype)) for c, t, data in reader.messages()]
 
 
-def test_definition_holds_each_nested_type_once(share) -> None:
-    text = message_type("bike_msgs/msg/CoursePoints", share).definition
+def test_definition_holds_each_nested_type_once() -> None:
+    text = message_type("bike_msgs/msg/CoursePoints").definition
     headings = [line for line in text.splitlines() if line.startswith("MSG: ")]
     assert headings == ["MSG: geometry_msgs/Point", "MSG: std_msgs/Header", "MSG: builtin_interfaces/Time"]
     assert text.count("=" * 80 + "\n") == 3
@@ -42,22 +40,22 @@ def test_definition_holds_each_nested_type_once(share) -> None:
 
 
 @pytest.mark.parametrize("kind", ["BikeState", "BikeCommand", "Course", "CoursePoints", "LeanHistory", "RideEvent"])
-def test_every_message_of_the_package_has_a_definition_that_parses(kind: str, share) -> None:
+def test_every_message_of_the_package_has_a_definition_that_parses(kind: str) -> None:
     name = f"bike_msgs/msg/{kind}"
-    assert name in get_types_from_msg(message_type(name, share).definition, name)
+    assert name in get_types_from_msg(message_type(name).definition, name)
 
 
 @pytest.mark.parametrize("name", ["BikeState", "bike_msgs/BikeState", "bike_msgs/srv/Reset", "/msg/A", "a/msg/"])
-def test_wrong_type_names_are_refused(name: str, share) -> None:
+def test_wrong_type_names_are_refused(name: str) -> None:
     with pytest.raises(ValueError, match="package/msg/Type"):
-        message_type(name, share)
+        message_type(name)
 
 
-def test_unknown_packages_and_types_are_named(share, tmp_path: Path) -> None:
+def test_unknown_packages_and_types_are_named(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="no message 'Nothing'"):
-        message_type("bike_msgs/msg/Nothing", share)
+        message_type("bike_msgs/msg/Nothing")
     with pytest.raises(FileNotFoundError, match="nowhere_msgs"):
-        message_type("nowhere_msgs/msg/A", share)
+        message_type("nowhere_msgs/msg/A")
 
 
 def test_installed_packages_are_found_through_the_ament_index(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,7 +75,7 @@ def test_installed_packages_are_found_through_the_ament_index(tmp_path: Path, mo
     assert described.type_hash == "RIHS01_00"
 
 
-def test_directory_is_a_rosbag2_recording(writer, circle, share, tmp_path: Path) -> None:
+def test_directory_is_a_rosbag2_recording(writer, circle, tmp_path: Path) -> None:
     path = writer.write(tmp_path / "first_ride", [circle(steps=20)], notes={"vehicle": "whipple"})
     assert path == tmp_path / "first_ride" / "first_ride_0.mcap"
     with Reader(tmp_path / "first_ride") as reader:
@@ -93,7 +91,7 @@ def test_directory_is_a_rosbag2_recording(writer, circle, share, tmp_path: Path)
     assert counts == {"/bike/state": 20, "/bike/command": 19, "/bike/course": 1, "/bike/events": 0, "/diagnostics": 0}
 
 
-def test_container_follows_rosbag2(writer, circle, share, tmp_path: Path) -> None:
+def test_container_follows_rosbag2(writer, circle, tmp_path: Path) -> None:
     path = writer.write(tmp_path / "ride.mcap", [circle(steps=200)])
     with path.open("rb") as file:
         reader = make_reader(file)
@@ -112,7 +110,7 @@ def test_container_follows_rosbag2(writer, circle, share, tmp_path: Path) -> Non
         profile = yaml.safe_load(channel.metadata["offered_qos_profiles"])
         assert profile[0]["reliability"] == "reliable"
         assert "&" not in channel.metadata["offered_qos_profiles"]
-        described = message_type(schema.name, share)
+        described = message_type(schema.name)
         assert channel.metadata.get("topic_type_hash", "") == described.type_hash
 
 
@@ -150,12 +148,12 @@ def test_overwriting_needs_permission(writer, circle, tmp_path: Path) -> None:
     assert sum(topic == "/bike/state" for topic, _, _ in read_with_rosbags(path)) == 7
 
 
-def test_misuse_gets_one_clear_error(share, tmp_path: Path) -> None:
+def test_misuse_gets_one_clear_error(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="gzip"):
         RideRecorder(tmp_path / "a.mcap", compression="gzip")
     with pytest.raises(ValueError, match="chunk_bytes"):
         RideRecorder(tmp_path / "a.mcap", chunk_bytes=0)
-    with RideRecorder(tmp_path / "ride.mcap", share=share) as recorder:
+    with RideRecorder(tmp_path / "ride.mcap") as recorder:
         with pytest.raises(ValueError, match="add_topic"):
             recorder.write("/bike/state", bytes(8), 0)
         recorder.add_topic("/bike/state", "bike_msgs/msg/BikeState")
@@ -171,9 +169,9 @@ def test_misuse_gets_one_clear_error(share, tmp_path: Path) -> None:
         recorder.write("/bike/state", bytes(8), 0)
 
 
-def test_the_file_is_finished_when_the_caller_fails(share, tmp_path: Path) -> None:
+def test_the_file_is_finished_when_the_caller_fails(tmp_path: Path) -> None:
     def record_and_fail() -> None:
-        with RideRecorder(tmp_path / "ride.mcap", share=share) as recorder:
+        with RideRecorder(tmp_path / "ride.mcap") as recorder:
             recorder.add_topic("/bike/state", "bike_msgs/msg/BikeState")
             recorder.write("/bike/state", bytes(2000), 5)
             raise RuntimeError("the caller")
@@ -185,11 +183,11 @@ def test_the_file_is_finished_when_the_caller_fails(share, tmp_path: Path) -> No
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_disk_that_is_full_from_the_start_is_one_clear_error(share, tmp_path: Path) -> None:
+def test_a_disk_that_is_full_from_the_start_is_one_clear_error(tmp_path: Path) -> None:
     path = tmp_path / "ride.mcap"
     path.symlink_to("/dev/full")
     with pytest.raises(OSError, match=r"recording .*ride\.mcap stopped: No space left"):
-        RideRecorder(path, share=share, overwrite=True)
+        RideRecorder(path, overwrite=True)
 
 
 FILLED = """
@@ -240,15 +238,6 @@ def stored(path: Path) -> list[tuple[str, int, bytes]]:
         return [(channel.topic, message.log_time, message.data) for _, channel, message in messages]
 
 
-def numbered(folder: Path) -> list[Path]:
-    """Files of a recording as its metadata.yaml lists them."""
-    information = yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    paths = [folder / name for name in information["relative_file_paths"]]
-    assert [path.name for path in paths] == [f"{folder.name}_{k}.mcap" for k in range(len(paths))]
-    assert {path.name for path in folder.iterdir()} == {path.name for path in paths} | {"metadata.yaml"}
-    return paths
-
-
 MESSAGES = st.lists(
     st.tuples(
         st.sampled_from(["/a", "/b", "/b/c", "/späť"]),
@@ -263,109 +252,47 @@ MESSAGES = st.lists(
     messages=MESSAGES,
     compression=st.sampled_from(["zstd", "lz4", "none"]),
     chunk_bytes=st.integers(1, 30_000),
-    split=st.builds(Split, st.sampled_from([0, 1, 3000, 20_000]), st.sampled_from([0.0, 1e-9, 1.0, 1e9])),
     flush_every=st.integers(1, 20),
 )
 def test_any_bytes_on_any_topics_come_back(
     messages: list[tuple[str, int, bytes]],
     compression: str,
     chunk_bytes: int,
-    split: Split,
     flush_every: int,
     tmp_path: Path,
 ) -> None:
     folder = Path(tempfile.mkdtemp(dir=tmp_path)) / "bag"
-    with RideRecorder(folder, compression=compression, chunk_bytes=chunk_bytes, split=split) as recorder:
+    with RideRecorder(folder, compression=compression, chunk_bytes=chunk_bytes) as recorder:
         for count, (topic, log_time, data) in enumerate(messages):
             recorder.add_topic(topic, BLOB)
             recorder.write(topic, data, log_time)
             if count % flush_every == 0:
                 recorder.flush()
         assert recorder.message_count == len(messages)
-    paths = numbered(folder)
-    assert [entry for path in paths for entry in stored(path)] == messages
-    assert recorder.bytes_written == sum(path.stat().st_size for path in paths)
+    assert {path.name for path in folder.iterdir()} == {"bag_0.mcap", "metadata.yaml"}
+    assert stored(recorder.path) == messages
+    assert recorder.bytes_written == recorder.path.stat().st_size
     with Reader(folder) as reader:
         by_rosbags = sorted((c.topic, t, bytes(data)) for c, t, data in reader.messages())
     assert by_rosbags == sorted(messages)
 
 
-@given(
-    times=st.lists(st.integers(0, 10**11), min_size=1, max_size=40).map(sorted),
-    duration=st.sampled_from([0.5, 5.0, 50.0]),
-    depths=st.lists(st.integers(1, 3), min_size=1, max_size=2),
-    latched_first=st.integers(1, 5),
-)
-def test_each_file_begins_with_what_a_late_listener_would_get(
-    times: list[int], duration: float, depths: list[int], latched_first: int, tmp_path: Path
-) -> None:
-    folder = Path(tempfile.mkdtemp(dir=tmp_path)) / "bag"
-    static = [f"static{k}".encode() for k in range(latched_first)]
-    with RideRecorder(folder, split=Split(max_duration_s=duration)) as recorder:
-        recorder.add_topic("/static", BLOB, [Qos(depth=depth, durability="transient_local") for depth in depths])
-        recorder.add_topic("/number", BLOB)
-        for data in static:
-            recorder.write("/static", data, times[0])
-        for number, log_time in enumerate(times):
-            recorder.write("/number", number.to_bytes(4, "big"), log_time)
-    paths = numbered(folder)
-    information = yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    kept = static[-sum(depths) :]
-    numbers: list[int] = []
-    for path, described in zip(paths, information["files"], strict=True):
-        messages = stored(path)
-        head = static if path == paths[0] else kept
-        assert [data for _, _, data in messages[: len(head)]] == head
-        own = messages[len(head) :]
-        numbers += [int.from_bytes(data, "big") for _, _, data in own]
-        first, last = min(t for _, t, _ in messages), max(t for _, t, _ in messages)
-        assert first == own[0][1]  # what is repeated does not stretch the file's time
-        assert last - first <= duration * 1e9
-        assert described["message_count"] == len(messages)
-        assert described["starting_time"]["nanoseconds_since_epoch"] == first
-        assert described["duration"]["nanoseconds"] == last - first
-    assert numbers == list(range(len(times)))
-    starts = [file["starting_time"]["nanoseconds_since_epoch"] for file in information["files"]]
-    assert all(later - earlier > duration * 1e9 for earlier, later in itertools.pairwise(starts))
-    assert information["message_count"] == sum(file["message_count"] for file in information["files"])
-    assert information["duration"]["nanoseconds"] == times[-1] - times[0]
+def test_a_directory_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
+    """Also one of several files, as rosbag2 makes it; others' files stay."""
 
-
-def test_a_file_that_is_large_enough_is_followed_by_the_next(tmp_path: Path) -> None:
-    with RideRecorder(
-        tmp_path / "bag", chunk_bytes=1000, compression="none", split=Split(max_bytes=10_000)
-    ) as recorder:
-        recorder.add_topic("/a", BLOB)
-        for number in range(100):
-            recorder.write("/a", os.urandom(1000), number)
-    sizes = [path.stat().st_size for path in numbered(tmp_path / "bag")]
-    assert len(sizes) > 5
-    assert all(10_000 < size < 13_500 for size in sizes[:-1])  # the limit, the last chunk, and the index
-
-
-def test_a_split_recording_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
-    def record(count: int, overwrite: bool) -> None:
-        with RideRecorder(tmp_path / "bag", split=Split(max_duration_s=1.0), overwrite=overwrite) as recorder:
+    def record(overwrite: bool) -> None:
+        with RideRecorder(tmp_path / "bag", overwrite=overwrite) as recorder:
             recorder.add_topic("/a", BLOB)
-            for number in range(count):
-                recorder.write("/a", bytes(8), number * 2 * 10**9)
+            recorder.write("/a", bytes(8), 0)
 
-    record(5, overwrite=False)
-    (tmp_path / "bag" / "bag_4.txt").write_text("not ours")
-    (tmp_path / "bag" / "other_4.mcap").write_text("not ours")
+    record(overwrite=False)
+    for name in ("bag_1.mcap", "bag_12.mcap", "bag_4.txt", "other_4.mcap"):
+        (tmp_path / "bag" / name).write_text("old")
     with pytest.raises(FileExistsError, match=r"bag_0\.mcap exists already"):
-        record(2, overwrite=False)
-    record(2, overwrite=True)
+        record(overwrite=False)
+    record(overwrite=True)
     left = {path.name for path in (tmp_path / "bag").iterdir()}
-    assert left == {"bag_0.mcap", "bag_1.mcap", "metadata.yaml", "bag_4.txt", "other_4.mcap"}
-
-
-def test_one_file_cannot_be_split(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="give a directory"):
-        RideRecorder(tmp_path / "ride.mcap", split=Split(max_bytes=1))
-    with pytest.raises(ValueError, match="must not be negative"):
-        Split(max_duration_s=-1.0)
-    assert not list(tmp_path.iterdir())
+    assert left == {"bag_0.mcap", "metadata.yaml", "bag_4.txt", "other_4.mcap"}
 
 
 KILLED = """

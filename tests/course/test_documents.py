@@ -17,7 +17,6 @@ from bike_sim.documents import DocumentError, check_name, parse_yaml, read_text,
 from bike_sim.recording.definitions import message_type
 from bike_sim.vehicles.files import SHIPPED, load_vehicle
 from tests.odd_files import ODD, put_odd_file
-from tests.shares import source_share
 
 LOADERS = [load_course, load_track, kind_of, load_vehicle]
 
@@ -220,17 +219,19 @@ def test_huge_values_are_not_repeated(value, tmp_path):
         refusal(load_vehicle, path)
 
 
-def test_definitions_are_read_within_bounds(tmp_path):
-    folder = tmp_path / "evil_msgs" / "msg"
+def test_definitions_are_read_within_bounds(tmp_path, monkeypatch):
+    folder, index = tmp_path / "share/evil_msgs/msg", tmp_path / "share/ament_index/resource_index/packages"
     folder.mkdir(parents=True)
+    index.mkdir(parents=True)
+    (index / "evil_msgs").touch()
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
     os.mkfifo(folder / "Pipe.msg")
     (folder / "Huge.msg").write_bytes(b"#" * 2_000_000)
     (folder / "Hash.msg").write_text("int8 a\n")
     (folder / "Hash.json").write_text("[" * 100_000)
-    share = source_share(tmp_path)
     with pytest.raises((ValueError, FileNotFoundError), match=r"Pipe"):
-        message_type("evil_msgs/msg/Pipe", share)
+        message_type("evil_msgs/msg/Pipe")
     with pytest.raises(ValueError, match=r"Huge.msg is larger than 1 MB"):
-        message_type("evil_msgs/msg/Huge", share)
+        message_type("evil_msgs/msg/Huge")
     with pytest.raises(ValueError, match=r"Hash.json does not list type hashes"):
-        message_type("evil_msgs/msg/Hash", share)
+        message_type("evil_msgs/msg/Hash")

@@ -140,7 +140,7 @@ def test_options_apply_to_the_subject_or_are_refused_by_name(command, subject, f
         (["evaluate", "--speeds", "4", "0"], "--speeds must be positive and finite, got 0 m/s"),
         (["evaluate", "--random-rides", "-1"], "--random-rides must be at least 0, got -1"),
         (["evaluate", "--seed", "-1"], "--seed must be at least 0, got -1"),
-        (["evaluate", "--client", "nodes", "--course", "nowhere"], "'nowhere'"),
+        (["evaluate", "--client", "ros", "--course", "nowhere"], "'nowhere'"),
         (["evaluate", "racer", "--starts", "0"], "--starts must be at least 1, got 0"),
         (["validate", "--time-step", "0"], "--time-step must be positive and at most 0.05 s, got 0 s"),
         (["validate", "--vehicle", "superbikes", "--time-step", "0"], "must be positive and at most 0.02 s, got 0 s"),

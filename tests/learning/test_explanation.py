@@ -7,15 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bike_analysis.read.container import Container, find_files
+from bike_analysis.read.container import find_files
 from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.bundle import Actor, Bundle, load_bundle
 from bike_policy.contract.observation import LEAN_LAYOUT, PROP_LAYOUT
-from bike_sim.recording.definitions import MessageType
-from bike_sim.recording.recorder import RideRecorder, Split
 from bike_training.cli import main
 from bike_training.explain.drawing import labels
 from bike_training.explain.shap_values import correlation, explain, outputs_of
+from tests.bags import split_recording
 
 SMALL = {"permutations": 4, "background": 20, "silent": True}
 COURSE = """format: bike.course/1
@@ -151,15 +150,7 @@ def test_observations_are_those_that_were_driven_on(seen):
 def test_a_recording_in_several_files_shows_the_same(recording, seen, tmp_path):
     from bike_training.explain.observations import read_observations
 
-    box = Container(recording)
-    messages = list(box.messages())
-    with RideRecorder(tmp_path / "split", split=Split(max_duration_s=2.0)) as recorder:
-        for channel in box.channels.values():
-            schema = box.schemas[channel.schema_id]
-            recorder.add_topic(channel.topic, MessageType(schema.name, schema.data.decode()))
-        for message in messages:
-            recorder.write(box.channels[message.channel].topic, message.data, message.log_time_ns)
-    assert len(find_files(tmp_path / "split")) > 3
+    assert len(find_files(split_recording(recording, tmp_path / "split", 2.0))) > 3
     split = read_observations(tmp_path / "split", load_bundle("whipple"), "slalom")
     np.testing.assert_array_equal(split.observations, seen.observations)
     assert split.differ == seen.differ

@@ -24,13 +24,8 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.client import Client
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
-from scipy.linalg import solve_discrete_are
 
-from bike_policy.contract.action import ActionLayout
-from bike_policy.contract.bundle import Actor, Bundle
-from bike_policy.contract.observation import ObservationLayout
-from bike_sim.physics import state as st
-from bike_sim.physics.engines import make_engine
+from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.isolation import DISCOVERY_VARIABLE, PROFILES_VARIABLE, DomainLease
@@ -38,7 +33,6 @@ from bike_sim.ros.messages import encode_command, reset_to_message
 from bike_sim.ros.sim_node import SPECS, NodeSettings
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_sim.vehicles.files import load_vehicle
 
 PATIENCE = 90.0
 """Longest wait for anything, s. Nothing takes that long; it is what a busy machine may need."""
@@ -103,6 +97,12 @@ class Witness(node_tools.GuestNode):
     def records(self, *topics: str, file: Path | str = "") -> bool:
         """Whether a recorder has written messages of topics; what is sent from now on reaches it, too."""
         return {f"/bike/{topic}" for topic in topics} <= set(self.figures(file).get("topics_heard", "").split())
+
+    def open(self, kind: type, topic: str, qos: QoSProfile = node_tools.SENDER_QOS) -> Any:
+        """Return a publisher that the recorder hears."""
+        publisher = self.create_publisher(kind, topic, qos)
+        self.until(publisher.get_subscription_count)
+        return publisher
 
     def listen(self, kind: type, topic: str, qos: Any = None) -> list[Any]:
         """Return a list that grows with each message."""
@@ -220,16 +220,6 @@ class StateProbe(Witness):
         return future.result()
 
 
-class TopicPublisher(Witness):
-    """Publishes what a recorder is to hear."""
-
-    def open(self, kind: type, topic: str, qos: QoSProfile = node_tools.SENDER_QOS) -> Any:
-        """Return a publisher that the recorder hears."""
-        publisher = self.create_publisher(kind, topic, qos)
-        self.until(publisher.get_subscription_count)
-        return publisher
-
-
 @pytest.fixture
 def run_here(ros: RosFixture, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Any:
     """Runs a node in this process, which must end by itself; returns its exit code and its words."""
@@ -272,9 +262,9 @@ class RosFixture:
         probe.until(probe.connected)
         return probe
 
-    def sender(self) -> TopicPublisher:
+    def sender(self) -> Witness:
         """Return a node that publishes what it likes."""
-        sender = TopicPublisher("sender", self.domain)
+        sender = Witness("sender", self.domain)
         self._witnesses.append(sender)
         return sender
 
@@ -349,48 +339,7 @@ def lockstep(shared_ros: RosFixture) -> StateProbe:
     return shared_ros.probe()
 
 
-LINEAR_LAYOUT = ObservationLayout(
-    "linear",
-    ("roll", "steer", "roll_rate", "steer_rate", "preview_points"),
-    preview_interval=0.4,
-    preview_count=2,
-)
-
-
-def linear_bundle(speed: float = 4.0) -> Bundle:
-    """Make a policy that keeps the bicycle upright and on a gentle course: a linear quadratic regulator in one layer.
-
-    The regulated state is lateral position, yaw, roll, steer and their rates. The first two are read from two preview
-    points: their offsets are -y and -y - yaw times the distance between them.
-    """
-    vehicle = load_vehicle("whipple")
-    engine = make_engine("whipple", vehicle, 0.005)
-    places = [st.Y, st.YAW, st.ROLL, st.STEER, st.ROLL_RATE, st.STEER_RATE]
-
-    def after(place: int | None, steer_set: float) -> np.ndarray:
-        state = st.upright_state(speed, vehicle.rF)
-        if place is not None:
-            state[place] += 1e-5
-        engine.reset(state)
-        engine.hold(steer_set, 10)
-        return engine.state()[places]
-
-    rest = after(None, 0.0)
-    a = np.stack([(after(place, 0.0) - rest) / 1e-5 for place in places], axis=1)
-    b = (after(None, 1e-5) - rest)[:, None] / 1e-5
-    engine.close()
-    weight = np.diag([1.0, 1.0, 1.0, 0.1, 0.1, 0.01])
-    p = solve_discrete_are(a, b, weight, np.array([[10.0]]))
-    gain = np.linalg.solve(10.0 + b.T @ p @ b, b.T @ p @ a)[0] / vehicle.max_steer
-    y, yaw = gain[0], gain[1] / (0.4 * speed)
-    row = [-gain[2], -gain[3], -gain[4], -gain[5], y - yaw, yaw]
-    actor = Actor([np.array([row], dtype=np.float32)], [np.zeros(1, dtype=np.float32)])
-    return Bundle("linear", actor, LINEAR_LAYOUT, ActionLayout.steering(vehicle.max_steer), "whipple", 0.05)
-
-
 @pytest.fixture(scope="session")
-def policy(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Folder of a policy that rides."""
-    folder = tmp_path_factory.mktemp("policy") / "linear"
-    linear_bundle().save(folder)
-    return str(folder)
+def policy() -> str:
+    """A policy that rides."""
+    return DEFAULT_POLICY

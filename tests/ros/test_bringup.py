@@ -10,13 +10,14 @@ from typing import Any
 import pytest
 import yaml
 
-from bike_analysis.read.columns import MessageSchema
-from bike_analysis.read.container import Container
-from bike_sim.ros import record
+from bike_sim.ros import record, standard_messages
 from bike_sim.ros.node_tools import ParameterSpec
 from bike_sim.ros.sim_node import SPECS, NodeSettings
+from bike_sim.ros.topics import TOPICS, type_name
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_vehicle, shipped_superbikes
-from bike_training.cli import main
 
 ROOT = Path(__file__).parents[2]
 BRINGUP = ROOT / "ros_ws" / "src" / "bike_bringup"
@@ -92,82 +93,41 @@ def test_rviz_shows_topics_of_the_namespace_in_the_world_frame() -> None:
 
 SCENE = LAYOUT["configById"]["3D!ride"]
 SCENE_TYPES = ("visualization_msgs/msg/Marker", "visualization_msgs/msg/MarkerArray", "nav_msgs/msg/Odometry")
-FRAME_TYPES = ("geometry_msgs/msg/TransformStamped", "tf2_msgs/msg/TFMessage")
 RVIZ = yaml.safe_load((BRINGUP / "rviz" / "ride.rviz").read_text())["Visualization Manager"]
 
 
-@pytest.fixture(scope="module")
-def ride(tmp_path_factory: pytest.TempPathFactory, compiled: None) -> Path:
-    """A short ride of the real nodes."""
-    folder = tmp_path_factory.mktemp("bringup")
-    course = folder / "short.yaml"
-    elements = "elements:\n  - {line: 6.0}\n  - {arc: {radius_m: 10.0, angle_deg: 60.0}}\n"
-    head = "format: bike.course/1\nname: short\ndescription: A bend.\nclosed: false\noff_course_limit_m: 3.5\n"
-    course.write_text(head + elements)
-    assert main(["ride", "--course", str(course), "--engine", "whipple", "--out", str(folder), "--json"]) == 0
-    return folder / "ride.mcap"
+PUBLISHED = {name if name.startswith("/") else f"/bike/{name}": type_name(topic.kind) for name, topic in TOPICS.items()}
+"""Type of each topic of the nodes."""
 
 
-@pytest.fixture(scope="module")
-def messages(ride: Path) -> dict[str, tuple[MessageSchema, list[Any]]]:
-    """Type and messages of each recorded topic."""
-    container = Container(ride)
-    found: dict[str, tuple[MessageSchema, list[Any]]] = {}
-    for raw in container.messages():
-        channel = container.channels[raw.channel]
-        if channel.topic not in found:
-            schema = container.schemas[channel.schema_id]
-            found[channel.topic] = (MessageSchema(schema.name, schema.data.decode()), [])
-        kind, list_of = found[channel.topic]
-        list_of.append(kind.decode(raw.data))
-    return found
-
-
-@pytest.mark.ros
-def test_foxglove_topics_are_published_with_the_types_and_fields_it_shows(messages) -> None:
+def test_foxglove_topics_are_published_with_the_types_it_shows() -> None:
     for topic in SCENE["topics"]:
-        assert messages[topic][0].name in SCENE_TYPES, topic
-    for path in PATHS:
-        topic, *parts = path.split(".")
-        if parts:
-            assert parts[0] in messages[topic][0].fields(), path
-    assert messages[LAYOUT["configById"]["RawMessages!events"]["topicPath"]][0].name == "bike_msgs/msg/RideEvent"
+        assert PUBLISHED[topic] in SCENE_TYPES, topic
+    assert {path.partition(".")[0] for path in PATHS} <= set(PUBLISHED)
+    assert PUBLISHED[LAYOUT["configById"]["RawMessages!events"]["topicPath"]] == "bike_msgs/msg/RideEvent"
     shown = LAYOUT["configById"]["DiagnosticSummary!nodes"]["topicToRender"]
-    assert messages[shown][0].name == "diagnostic_msgs/msg/DiagnosticArray"
+    assert PUBLISHED[shown] == "diagnostic_msgs/msg/DiagnosticArray"
 
 
-@pytest.mark.ros
-def test_rviz_topics_are_published_with_the_type_of_their_display(messages) -> None:
+def test_rviz_topics_are_published_with_the_type_of_their_display() -> None:
     for display in RVIZ["Displays"]:
         if "Topic" in display:
             shown = display["Class"].removeprefix("rviz_default_plugins/")
-            assert messages[f"/bike/{display['Topic']['Value']}"][0].name.rpartition("/")[2] == shown
+            assert PUBLISHED[f"/bike/{display['Topic']['Value']}"].rpartition("/")[2] == shown
 
 
-@pytest.mark.ros
-def test_all_frames_lead_to_the_world(messages) -> None:
+def test_all_frames_lead_to_the_world() -> None:
     """Every frame that is drawn or followed is the world, or a message tells where it is in the world."""
-    parents: dict[str, str] = {}
-    for kind, sent in messages.values():
-        if kind.name in FRAME_TYPES:
-            for link in [t for message in sent for t in getattr(message, "transforms", [message])]:
-                parents[link.child_frame_id] = link.header.frame_id
+    simulator = Simulator(SimulatorConfig(engine="whipple"))
+    snapshot, vehicle = simulator.reset(ResetRequest(course="line")), simulator.vehicle
+    links = [make(snapshot, 0) for make in standard_messages.TRANSFORMS]
     shown = {SCENE["followTf"], RVIZ["Views"]["Current"]["Target Frame"]}
-    for topic in SCENE["topics"]:
-        for message in messages[topic][1]:
-            shown |= {part.header.frame_id for part in getattr(message, "markers", [message])}
-    assert shown == {"map", "odom", "base_footprint"}
+    drawn = [standard_messages.odometry(snapshot, vehicle, 0), standard_messages.course_marker(simulator.course, 0)]
+    drawn += standard_messages.vehicle_markers(snapshot, vehicle, 0).markers
+    assert shown | {message.header.frame_id for message in drawn} == {"map", "odom", "base_footprint"}
+    parents = {link.child_frame_id: link.header.frame_id for link in links}
     assert parents == {"odom": "map", "base_footprint": "odom", "base_link": "base_footprint"}
     assert RVIZ["Global Options"]["Fixed Frame"] == "map"
-
-
-@pytest.mark.ros
-def test_a_recorded_ride_has_its_first_state_and_command(messages) -> None:
-    """However late the nodes find each other, which is different each time."""
-    states, commands = ({message.step for message in messages[f"/bike/{name}"][1]} for name in ("state", "command"))
-    assert states == set(range(len(states)))
-    assert len(states) > 40
-    assert commands >= states - {max(states)}
 
 
 PARAMETERS = yaml.safe_load((BRINGUP / "config" / "ride.yaml").read_text())

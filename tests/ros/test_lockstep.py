@@ -19,41 +19,10 @@ from visualization_msgs.msg import MarkerArray
 
 from bike_sim.course.files import load_course
 from bike_sim.ros import messages, node_tools, standard_messages
-from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_vehicle
-from bike_training.envs.ros_client import RosClient
-from tests.same import assert_same
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]
-
-
-def test_the_same_seed_is_the_same_ride_in_process_and_through_ros() -> None:
-    config = SimulatorConfig(time_step=0.005, history=7)
-    local = Simulator(config)
-    local.reset(ResetRequest(course="line"))  # the node begins one of its own when it starts
-    with RosClient(config) as client:
-        for seed in (11, 12):
-            request = ResetRequest(seed=seed, speed_range=(3.0, 6.0), perturb=True)
-            ours, theirs = local.reset(request), client.reset(request)
-            assert_same(ours, theirs)
-            rng = np.random.default_rng(seed)
-            while ours.step < 60 and not ours.fallen:
-                steering = float(np.clip(-3.0 * ours.state[3] + 0.01 * rng.normal(), -1.0, 1.0))
-                ours, theirs = local.step(steering), client.step(steering)
-                assert_same(ours, theirs)
-            course = client.course
-            assert course is not None
-            assert local.course is not None
-            np.testing.assert_array_equal(course.x, local.course.x)
-            np.testing.assert_array_equal(course.heading, local.course.heading)
-        for bad in (math.nan, 1.5):
-            with pytest.raises(ValueError, match="must lie in"):
-                client.step(bad)
-        with pytest.raises(ValueError, match="no shipped course is called 'nowhere'"):
-            client.reset(ResetRequest(course="nowhere"))
-        assert_same(client.step(0.0), local.step(0.0))
 
 
 def begin(probe, **values):

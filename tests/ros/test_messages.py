@@ -31,6 +31,7 @@ from bike_sim.sim.events import EventKind
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
+from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 from tests.same import assert_same
 from tests.sim.conftest import STADIUM
@@ -210,14 +211,14 @@ def test_reset_requests_survive(seed, speed, ranges, state, length, preview, sta
         **start,
     )
     own = ResetRequest(course="line", path_length=17.0 if length else None)
-    assert_same(messages.reset_from_message(over_the_wire(messages.reset_to_message(asked)), own), asked)
+    assert_same(ResetRequest.from_message(over_the_wire(messages.reset_to_message(asked)), own), asked)
 
 
 def test_what_a_reset_leaves_open_is_the_simulators_own() -> None:
     own = ResetRequest(course="circle", speed_range=(3.0, 3.0), preview=Preview(False, 2.0, 7), path_length=50.0)
     empty = messages.Reset.Request(seed=5)
     assert_same(
-        messages.reset_from_message(empty, own),
+        ResetRequest.from_message(empty, own),
         ResetRequest(5, "circle", (3.0, 3.0), preview=own.preview, path_length=50.0),
     )
 
@@ -290,7 +291,7 @@ def test_wheels_touch_the_ground_where_the_physics_says(
     state[[state_places.ROLL, state_places.STEER, state_places.YAW]] = roll, steer, yaw
     snapshot = simulator.reset(ResetRequest(course="line", initial_state=tuple(state)))
     vehicle = simulator.vehicle
-    (rear, rear_turn), (front, front_turn) = standard_messages.wheel_poses(snapshot, vehicle)
+    (rear, rear_turn), (front, front_turn) = wheel_poses(snapshot, vehicle)
     for centre, turn, radius in ((rear, rear_turn, vehicle.rR), (front, front_turn, vehicle.rF)):
         np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
         assert centre[2] == pytest.approx(radius * math.sqrt(1.0 - turn[2, 1] ** 2), abs=1e-9)
@@ -300,10 +301,16 @@ def test_wheels_touch_the_ground_where_the_physics_says(
     straight = simulator.reset(
         ResetRequest(course="line", initial_state=tuple(state_places.upright_state(4.0, vehicle.rF)))
     )
-    (r0, _), (f0, t0) = standard_messages.wheel_poses(straight, vehicle)
+    (r0, _), (f0, t0) = wheel_poses(straight, vehicle)
     axis0 = t0 @ np.array([-math.sin(vehicle.lam), 0.0, math.cos(vehicle.lam)])
     assert span @ axis == pytest.approx((f0 - r0) @ axis0, abs=1e-6)
     assert kinematics.pitch(roll, steer, vehicle.parameters) == snapshot.look[lk.PITCH]
+
+
+def wheel_poses(snapshot: Snapshot, vehicle: Vehicle) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Centres of the wheels, and their axes in columns."""
+    poses = standard_messages.wheel_poses(snapshot, vehicle)
+    return [(centre, np.reshape(pybullet.getMatrixFromQuaternion(turn), (3, 3))) for centre, turn in poses]
 
 
 def leaned_axes(yaw: float, roll: float) -> np.ndarray:
@@ -382,7 +389,7 @@ def test_markers_of_the_wheels_turn_as_the_wheels_do(
     wheels = [marker for marker in markers if marker.type == Marker.CYLINDER]
     quarter = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     assert len(wheels) == 2
-    for marker, (centre, turn) in zip(wheels, standard_messages.wheel_poses(snapshot, simulator.vehicle), strict=True):
+    for marker, (centre, turn) in zip(wheels, wheel_poses(snapshot, simulator.vehicle), strict=True):
         q = marker.pose.orientation
         vector, w = np.array([q.x, q.y, q.z]), q.w
         place = marker.pose.position

@@ -1,8 +1,9 @@
-"""A superbike on a path and a bicycle on a circuit through ROS: as in process, bit for bit, in every field."""
+"""Bicycles and superbikes on paths and circuits through ROS: as in process, bit for bit, in every field."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,79 +15,87 @@ from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.events import EventKind
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_training.envs.clients import make_client
+from bike_sim.sim.snapshot import Snapshot
 from bike_training.envs.ros_client import RosClient
 from tests.same import assert_same
 from tests.sim.conftest import STADIUM
 
-pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]
+pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled", "own_lines")]
 
-FIRST = ResetRequest(course="line", speed_range=(4.0, 4.0))
-"""A node begins an episode of its own when it starts, so that the first that a client asks for is the second."""
+BICYCLE, FINE = SimulatorConfig(time_step=0.005, history=7), SimulatorConfig(engine="whipple", time_step=0.005)
+SUPERBIKE = superbike_config("panigale_v4r")
+RANDOM = {"speed_range": (3.0, 6.0), "perturb": True}
+STRAIGHT = {
+    "seed": 2,
+    "course": "stadium",
+    "speed_range": (20.0, 20.0),
+    "line": 0.5,
+    "progress": 150.0,
+    "perturb": True,
+}
+SEEN = {"seed": 4, "speed_range": (5.0, 6.0), "line": 0.25, "progress": 1020.0, "preview": Preview(False, 2.0, 7)}
+
+Steer = Callable[[Snapshot], tuple[float, float]]
 
 
-@pytest.fixture
-def stadium(own_lines: Path, tmp_path: Path) -> str:
-    path = tmp_path / "stadium.yaml"
-    path.write_text(STADIUM, encoding="utf-8")
-    return str(path)
+def upright(seen: Snapshot) -> tuple[float, float]:
+    """Keep a bicycle up, with some noise of its own for each step."""
+    noise = float(np.random.default_rng([seen.episode, seen.step]).normal())
+    return float(np.clip(-0.4 * seen.state[st.ROLL] - 0.1 * seen.state[st.ROLL_RATE] + 0.01 * noise, -1.0, 1.0)), 0.0
 
 
-def test_a_superbike_behind_ros_rides_a_path_and_then_a_circuit(stadium: str) -> None:
-    config = superbike_config("panigale_v4r")
+def leaned(seen: Snapshot) -> tuple[float, float]:
+    """Lean a superbike as its bend asks."""
+    return math.atan(seen.speed**2 * seen.look[lk.CURVATURE] / 9.81) / math.radians(60.0), 0.2
+
+
+RIDES: list[tuple[SimulatorConfig, list[tuple[dict, int, Steer]], set[EventKind]]] = [
+    (BICYCLE, [({"seed": 11, **RANDOM}, 60, upright), ({"seed": 12, **RANDOM}, 60, upright)], set()),
+    (FINE, [({"course": "stadium", "perturb": True, **SEEN}, 80, upright)], set()),
+    (
+        SUPERBIKE,
+        [
+            ({"seed": 1, "course": "circle", "speed_range": (10.0, 10.0), "perturb": True}, 60, leaned),
+            ({"course": "stadium", **STRAIGHT}, 2000, lambda _: (0.0, 0.2)),
+        ],
+        {EventKind.WALL},
+    ),
+]
+
+
+@pytest.mark.parametrize(("config", "rides", "kinds"), RIDES, ids=["paths", "bicycle on a circuit", "superbike"])
+def test_a_ride_behind_ros_is_the_same(
+    config: SimulatorConfig, rides: list[tuple[dict, int, Steer]], kinds: set[EventKind], tmp_path: Path
+) -> None:
+    stadium = tmp_path / "stadium.yaml"
+    stadium.write_text(STADIUM, encoding="utf-8")
     local = Simulator(config)
-    local.reset(ResetRequest(course="line", speed_range=(35.0, 35.0)))
-    circuit = ResetRequest(seed=2, course=stadium, speed_range=(20.0, 20.0), line=0.5, progress=150.0, perturb=True)
-    path = ResetRequest(seed=1, course="circle", speed_range=(10.0, 10.0), perturb=True)
-    client = make_client("ros", config)
-    assert isinstance(client, RosClient)
-    with client:
-        for request, end in ((path, 60), (circuit, 2000)):
+    local.episode = 1  # a node begins an episode of its own when it starts
+    happened = set()
+    with RosClient(config) as client:
+        for values, end, steer in rides:
+            course = str(stadium) if values.get("course") == "stadium" else values.get("course", "random")
+            request = ResetRequest(**values | {"course": course})
             ours, theirs = local.reset(request), client.reset(request)
-            kinds = []
             while True:
                 assert_same(theirs, ours)
-                kinds += [event.kind for event in theirs.events]
+                happened |= {event.kind for event in theirs.events}
                 if ours.fallen or ours.step == end:
                     break
-                bend, lean = ours.look[lk.CURVATURE], math.radians(local.vehicle.virtual_rider.max_lean_deg)
-                steering = math.atan(ours.speed**2 * bend / 9.81) / lean if request is path else 0.0
-                ours, theirs = local.step(steering, 0.2), client.step(steering, 0.2)
+                command = steer(ours)
+                ours, theirs = local.step(*command), client.step(*command)
+            assert ours.step > 30
             assert client.course is not None
             assert local.course is not None
             np.testing.assert_array_equal(client.course.x, local.course.x)
+            np.testing.assert_array_equal(client.course.heading, local.course.heading)
             assert client.preview == local.preview
-    assert theirs.fall == "wall"
-    assert theirs.circuit is not None
-    assert theirs.circuit.wall is not None
-    assert kinds[0] is EventKind.RESET
-    assert kinds[-1] is EventKind.WALL
-    local.close()
-
-
-def test_a_bicycle_behind_ros_rides_a_circuit(stadium: str) -> None:
-    config = SimulatorConfig(engine="whipple", time_step=0.005)
-    local = Simulator(config)
-    local.reset(FIRST)
-    request = ResetRequest(
-        seed=4,
-        course=stadium,
-        speed_range=(5.0, 6.0),
-        line=0.25,
-        progress=1020.0,
-        perturb=True,
-        preview=Preview(False, 2.0, 7),
-    )
-    with RosClient(config) as client:
-        ours, theirs = local.reset(request), client.reset(request)
-        events = [*ours.events]
-        for _ in range(80):
-            assert_same(theirs, ours)
-            steering = -float(0.4 * ours.state[st.ROLL] + 0.1 * ours.state[st.ROLL_RATE])
-            ours, theirs = local.step(steering), client.step(steering)
-            events += ours.events
-        assert_same(theirs, ours)
-        assert client.preview == request.preview
-    assert theirs.circuit is not None
-    assert EventKind.SECTOR in {event.kind for event in events} or theirs.progress > 1028.3
+        assert happened >= kinds | {EventKind.RESET}
+        for bad in (math.nan, 1.5):
+            with pytest.raises((ValueError, RuntimeError), match=r"must lie in|ended with a fall"):
+                client.step(bad)
+        with pytest.raises(ValueError, match="no shipped course is called 'nowhere'"):
+            client.reset(ResetRequest(course="nowhere"))
+        if not ours.fallen:
+            assert_same(client.step(0.0), local.step(0.0))
     local.close()

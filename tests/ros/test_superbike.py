@@ -34,6 +34,7 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_superbike
 from bike_training.nodes.node_rides import ride_through_nodes
+from bike_training.replay import read_rides
 from tests.ros.conftest import RosFixture, StateProbe, oval
 from tests.same import assert_same
 
@@ -185,6 +186,11 @@ def test_laps_through_the_nodes_are_recorded_and_timed_alike(circuit: Path, tmp_
     figures = analyze_laps(recording, track, theory, tmp_path)
     assert figures["falls"] == figures["walls"] == figures["lost_steps"] == 0
     assert len(figures["laps_s"]) == 1
+    # Its first state and command are there, however late the nodes find each other, which is different each time.
+    (recorded,) = read_rides(recording)[1]
+    steps = range(len(recorded.ride.states))
+    assert recorded.ride.states.step.tolist() == [*steps]
+    assert {*recorded.ride.commands.step.tolist()} >= {*steps[:-1]}
     assert figures["timing_agrees"]
     page = Path(figures["page"]).read_text()
     shown = set(re.findall(r'data-plot="([^"]+)"', page))

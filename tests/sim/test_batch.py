@@ -50,7 +50,7 @@ class Fleet:
         }
         for (row, name), machine in self.machines.items():
             if row:
-                machine.share_courses(self.machines[0, name])
+                machine.batch._courses = self.machines[0, name].batch._courses
 
 
 @pytest.fixture(scope="module")

@@ -219,7 +219,7 @@ OF_SUPERBIKES = [name for name in shipped_disturbances() if "." in "".join(load_
 def test_shipped_files_disturb(name: str) -> None:
     known = load_disturbances(name)
     assert known.name == name
-    assert known.acts_on_vehicle or known.acts_on_rider
+    assert known.acts_on_vehicle or known.acts_on_sensors or known.observation_delay_s or known.command_delay_s
     disturbed, calm = (ridden(each, 110, "circle") for each in (known, None))
     # A rider that is told nothing of a late command falls before the end.
     both = min(len(disturbed), len(calm))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,7 +16,6 @@ from bike_sim.sim.events import EventKind
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
-from tests.same import assert_same
 
 BICYCLE = SimulatorConfig(engine="whipple", time_step=0.005)
 
@@ -47,37 +45,11 @@ def bicycle_on_a_circuit(courses: dict[str, str]) -> tuple[Simulator, ResetReque
     return Simulator(BICYCLE), request, lambda seen: -float(0.4 * seen.state[st.ROLL] + 0.1 * seen.state[st.ROLL_RATE])
 
 
-BOTH = pytest.mark.parametrize("make", [superbike_on_a_path, bicycle_on_a_circuit])
-
-
 def ride(simulator: Simulator, request: ResetRequest, steer: Callable[[Snapshot], float]) -> list[Snapshot]:
     seen = [simulator.reset(request)]
     for _ in range(100):
         seen.append(simulator.step(min(max(steer(seen[-1]), -1.0), 1.0)))
     return seen
-
-
-@BOTH
-def test_it_rides_along_its_line_and_again_the_same(make: Callable, courses: dict[str, str]) -> None:
-    simulator, request, steer = make(courses)
-    seen = ride(simulator, request, steer)
-    again = ride(simulator, request, steer)
-    for one, other in zip(seen, again, strict=True):
-        assert_same(other, one, but=("episode", "events"))
-        assert [(event.kind, event.time, event.value) for event in other.events] == [
-            (event.kind, event.time, event.value) for event in one.events
-        ]
-    assert not seen[-1].fallen
-    assert [event.kind for event in seen[0].events] == [EventKind.RESET]
-    period = simulator.config.control_period
-    for before, after in itertools.pairwise(seen):
-        assert after.look[lk.PROGRESS] - before.look[lk.PROGRESS] == pytest.approx(
-            period * after.speed * math.cos(after.look[lk.HEADING_ERROR]), rel=0.1
-        )
-        moved = math.dist(before.state[:2], after.state[:2])
-        assert moved == pytest.approx(period * after.speed, rel=0.05)
-    assert max(snapshot.distance for snapshot in seen) < 2.0
-    simulator.close()
 
 
 def test_a_circle_leans_a_superbike_as_its_speed_asks_and_is_told_as_laps(courses: dict[str, str]) -> None:

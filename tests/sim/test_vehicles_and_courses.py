@@ -1,9 +1,11 @@
-"""Every vehicle and every kind of course, in pairs: it rides sensibly. Through ROS it is the same ride (tests/ros)."""
+"""Every vehicle and every kind of course, in pairs: it rides sensibly and repeats; through ROS see tests/ros."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,11 +14,13 @@ from bike_sim.course.random_courses import PathRanges
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig, superbike_config
+from bike_sim.sim.events import EventKind
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import NO_FALL, Snapshot
 from bike_sim.vehicles.files import load_vehicle, shipped_vehicles
 from bike_sim.vehicles.superbike import Superbike
+from tests.same import assert_same
 
 WIDE = PathRanges(150.0, 200.0, 150.0, 200.0, 2.0, 4.0)
 """Random paths that a superbike can ride at the speed at which it begins."""
@@ -73,7 +77,10 @@ def ride(client: Simulator, request: ResetRequest, throttle: float) -> list[Snap
 def test_it_rides_sensibly(client: Simulator, courses: dict[str, str], kind: str) -> None:
     request = request_for(client, courses[kind])
     machine = isinstance(client.vehicle, Superbike)
-    driven, braked = ride(client, request, 1.0), ride(client, request, -0.3)
+    driven, braked, again = (ride(client, request, throttle) for throttle in (1.0, -0.3, 1.0))
+    for one, other in zip(driven, again, strict=True):
+        assert_same(other, one, but=("episode", "events"))
+        assert [replace(e, text="") for e in other.events] == [replace(e, text="") for e in one.events]
     (speed,) = set(request.speed_range)
     for seen in (driven, braked):
         first, last = seen[0], seen[-1]
@@ -82,7 +89,9 @@ def test_it_rides_sensibly(client: Simulator, courses: dict[str, str], kind: str
         assert {snapshot.fall for snapshot in seen} == {NO_FALL}
         assert not any(snapshot.fallen or snapshot.off_course or snapshot.finished for snapshot in seen)
         assert max(snapshot.distance for snapshot in seen) < 2.0
+        assert [event.kind for event in first.events] == [EventKind.RESET]
         length = client.config.control_period * sum(snapshot.speed for snapshot in seen[1:])
+        assert sum(math.dist(a.state[:2], b.state[:2]) for a, b in pairwise(seen)) == pytest.approx(length, rel=0.05)
         assert last.look[lk.PROGRESS] - first.look[lk.PROGRESS] == pytest.approx(length, rel=0.05)
         on_circuit = kind in CIRCUITS or (machine and kind == "CSV of a circuit")
         assert all((snapshot.circuit is not None) == on_circuit for snapshot in seen)

@@ -63,8 +63,9 @@ def test_a_start_beside_the_road_has_the_grip_of_the_run_off(machine: Simulator,
     assert snapshot.off_course
     assert machine.batch.rows.ground["rear"]["grip"][0] < 1.0
     wrong = machine.reset(ResetRequest(course=str(circuit), start_heading=math.pi, speed_range=(10.0, 10.0)))
-    assert wrong.circuit.wrong_way  # type: ignore[union-attr]
-    assert not machine.reset(ResetRequest(course=str(circuit), speed_range=(10.0, 10.0))).circuit.wrong_way  # type: ignore[union-attr]
+    assert wrong.circuit.limits[lk.WRONG_WAY]  # type: ignore[union-attr]
+    right = machine.reset(ResetRequest(course=str(circuit), speed_range=(10.0, 10.0)))
+    assert not right.circuit.limits[lk.WRONG_WAY]  # type: ignore[union-attr]
 
 
 def test_starts_that_cannot_be_are_refused_with_their_value(machine: Simulator, tmp_path: Path) -> None:

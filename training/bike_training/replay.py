@@ -24,7 +24,6 @@ from bike_analysis.read.rides import Ride, find_rides
 from bike_policy.contract.observation import rows_of
 from bike_policy.riders.rider import Rider
 from bike_sim.course.course import Course
-from bike_sim.course.random_courses import PathRanges
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
@@ -69,28 +68,8 @@ class Start:
         Raises:
             ValueError: it holds an invalid value.
         """
-        ranges = {spec.name: float(getattr(message, spec.name)) for spec in fields(PathRanges)}
-        return cls(
-            SimulatorConfig(**{spec.name: getattr(message, spec.name) for spec in fields(SimulatorConfig)}),
-            ResetRequest(
-                seed=int(message.seed),
-                course=str(message.course),
-                speed_range=(float(message.speed_min), float(message.speed_max)),
-                perturb=bool(message.perturb),
-                initial_state=tuple(map(float, message.initial_state)) or None,
-                path_ranges=PathRanges(**ranges),
-                path_length=float(message.path_length) or None,
-                preview=Preview(
-                    bool(message.preview_by_time), float(message.preview_interval), int(message.preview_count)
-                ),
-                context=tuple(map(float, message.context)),
-                line=float(message.line),
-                progress=float(message.progress),
-                speed_share=float(message.speed_share),
-                start_offset=float(message.start_offset),
-                start_heading=float(message.start_heading),
-            ),
-        )
+        config = SimulatorConfig(**{spec.name: getattr(message, spec.name) for spec in fields(SimulatorConfig)})
+        return cls(config, ResetRequest.from_message(message))
 
 
 @dataclass(frozen=True)

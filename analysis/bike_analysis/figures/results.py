@@ -12,7 +12,7 @@ from bike_analysis.figures.compare import Comparison
 from bike_analysis.figures.metrics import latency_figures
 from bike_analysis.figures.recorded import RecordedRide, RideRecording
 
-SCHEMA: Final = "bike.analyze/3"
+SCHEMA: Final = "bike.analyze/4"
 
 
 def finite(value: Any) -> Any:

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.colors import ListedColormap, to_hex
+from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
 from bike_analysis.figures.numbers import lap_text
@@ -41,13 +41,11 @@ if TYPE_CHECKING:
 _COLOURS: Final = parse_yaml((files("bike_analysis.page") / "colours.yaml").read_text(encoding="utf-8"))
 _LIGHT: Final = {name: found[0] for name, found in _COLOURS.items() if len(found) > 1}
 _DARK: Final = {name: found[-1] for name, found in _COLOURS.items()}
-INK, MUTED, BAND, BLUE, ORANGE = (_LIGHT[name] for name in ("ink", "muted", "band", "blue", "orange"))
 
 _ERROR_LEVELS: Final = 16
 _VIRIDIS: Final = mpl.colormaps["viridis"]
 _ERROR_LIGHT: Final = [to_hex(_VIRIDIS(x)) for x in np.linspace(0.86, 0.0, _ERROR_LEVELS)]
 _ERROR_DARK: Final = [to_hex(_VIRIDIS(x)) for x in np.linspace(0.28, 1.0, _ERROR_LEVELS)]
-ERROR_MAP: Final = ListedColormap(_ERROR_LIGHT, name="ride_error")
 
 RC: Final = mpl.rc_params_from_file(str(files("bike_analysis.page") / "page.mplstyle"), use_default_template=False)
 """Style of pictures."""

@@ -5,7 +5,7 @@ Signs are those of the recording: roll positive leaning right, steer and lateral
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Final
@@ -464,25 +464,15 @@ def marked(name: str, symbol: str, colour: str, ride: Ride, rows: list[int]) -> 
 
 def section_labels(course: RecordedCourse | None) -> tuple[Drawn, ...]:
     """Number of each section, to the left of its middle."""
-    labels = []
-    for number, place, left in section_middles(course):
-        assert course is not None
-        beside = 0.025 * max(float(np.ptp(course.x)), float(np.ptp(course.y)))
-        x, y = place + beside * left
-        labels.append({"x": round(float(x), 3), "y": round(float(y), 3), "text": str(number)})
-    return tuple(labels)
-
-
-def section_middles(course: RecordedCourse | None) -> Iterator[tuple[int, Floats, Floats]]:
-    """Number of each section with the position of its middle, m, and the direction to the left there."""
     if course is None or len(course.x) < 3 or not course.section_names:
-        return
+        return ()
     bounds = np.append(course.section_starts, course.length)
-    for number, middle in enumerate(0.5 * (bounds[:-1] + bounds[1:]), start=1):
-        at = int(np.clip(np.searchsorted(course.s, middle), 1, len(course.s) - 2))
-        dx, dy = course.x[at + 1] - course.x[at - 1], course.y[at + 1] - course.y[at - 1]
-        left = np.array([-dy, dx]) / max(float(np.hypot(dx, dy)), 1e-9)
-        yield number, np.array([course.x[at], course.y[at]]), left
+    rows = np.clip(np.searchsorted(course.s, 0.5 * (bounds[:-1] + bounds[1:])), 1, len(course.s) - 2)
+    beside = 0.025 * max(float(np.ptp(course.x)), float(np.ptp(course.y)))
+    dx, dy = course.x[rows + 1] - course.x[rows - 1], course.y[rows + 1] - course.y[rows - 1]
+    share = beside / np.maximum(np.hypot(dx, dy), 1e-9)
+    places = np.round(np.stack([course.x[rows] - share * dy, course.y[rows] + share * dx], axis=1), 3).tolist()
+    return tuple({"x": x, "y": y, "text": str(number)} for number, (x, y) in enumerate(places, start=1))
 
 
 def course_sections(ride: Ride, distance: Floats, lap_begin: float = 0.0) -> tuple[Drawn, ...]:

@@ -22,7 +22,7 @@ MAX_LINE: Final = 10_000
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Analyze recordings, print their figures unless `args.json`, and return them, schema ``bike.analyze/3``.
+    """Analyze recordings, print their figures unless `args.json`, and return them, schema ``bike.analyze/4``.
 
     Raises:
         FileNotFoundError: If there is no such recording.
@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if out is None and not args.json:
         out = first if first.is_dir() else first.parent
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of NumPy about damaged numbers, of Matplotlib about letters without a glyph
+        warnings.simplefilter("ignore")  # of NumPy about damaged numbers
         figures = analyze(
             args.objects,
             out,
@@ -92,7 +92,7 @@ def text_of(figures: dict[str, Any]) -> str:
             lines.append(f"{name}the policy answered in {times}, by its last report")
         if recording["dropped_messages"]:
             lines.append(f"{name}the recorder dropped {recording['dropped_messages']} messages")
-    lines += [f"{name}: {figures[name]}" for name in ("page", "picture", "csv", "parquet", "video") if name in figures]
+    lines += [f"{name}: {figures[name]}" for name in ("page", "csv", "parquet", "video") if name in figures]
     return "\n".join(shown(line, MAX_LINE) for line in lines)
 
 

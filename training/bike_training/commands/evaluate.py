@@ -6,8 +6,8 @@ import argparse
 import csv
 import itertools
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import closing
 from typing import Any, Final
 
 import numpy as np
@@ -33,8 +33,6 @@ from bike_training.rollout.rollout import ride_through
 from bike_training.rollout.stability import stability
 from bike_training.tasks.base import round_robin
 
-NODES = "nodes"
-
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Evaluate and return the figures; not ok when a ride was not completed."""
@@ -43,8 +41,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         check_positive("--speeds", speed, "m/s")
     check_whole("--random-rides", args.random_rides, 0)
     check_whole("--seed", args.seed, 0)
-    names = args.compare or [args.rider or DEFAULT_POLICY]
-    riders = [make_rider(name) for name in names]
+    riders = [make_rider(name) for name in args.compare or [args.rider or DEFAULT_POLICY]]
     config = SimulatorConfig(vehicle=args.vehicle, engine=args.engine, time_step=args.time_step)
     for rider in riders:
         bundle = bundle_of(rider)
@@ -53,9 +50,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     disturbances = [load_disturbances(name) for name in args.disturbances]
     if disturbances and args.client != "local":
         raise ValueError(f"--disturbances act on rides in this process, not with --client {args.client}")
-    load_course(args.course)  # before the nodes start
+    load_course(args.course)  # before a node starts
     make_folder("--out", args.out)
-    found = [_evaluate(args, name, rider, config, disturbances) for name, rider in zip(names, riders, strict=True)]
+    found = [_evaluate(args, rider, config, disturbances) for rider in riders]
     figures: dict[str, Any] = {"riders": found} if args.compare else found[0]
     (args.out / "evaluation.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
     if not args.compare:
@@ -71,19 +68,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _evaluate(
-    args: argparse.Namespace,
-    name: str,
-    rider: Rider,
-    config: SimulatorConfig,
-    disturbances: Sequence[Disturbances],
+    args: argparse.Namespace, rider: Rider, config: SimulatorConfig, disturbances: Sequence[Disturbances]
 ) -> dict[str, Any]:
     """Return the figures of one rider."""
     total = len(args.speeds) * (1 + args.random_rides)
     times: list[float] = []
     with (
-        _rides(args, name, rider, config, times) as ride,
+        closing(make_client(args.client, config)) as client,
         progress_bar(rider.name, "ride", total, quiet=args.json) as bar,
     ):
+        ride: Ride = lambda request, longest: ride_through(client, rider, request, longest, times)  # noqa: E731
         figures = evaluate(ride, args.course, args.speeds, args.random_rides, args.seed, bar.update)
     answers = 1e3 * np.percentile(times, (50.0, 99.0)) if times else ()
     return {
@@ -110,24 +104,6 @@ def _disturbed(
     finally:
         client.close()
     return {"disturbances": disturbances.name, **figures}
-
-
-@contextmanager
-def _rides(
-    args: argparse.Namespace, name: str, rider: Rider, config: SimulatorConfig, times: list[float]
-) -> Iterator[Ride]:
-    """Open what rides, and close it; in this process answers are timed."""
-    if args.client == NODES:
-        from bike_training.nodes.node_rides import NodeRides  # only rides through nodes need ROS
-
-        with NodeRides(name, config) as nodes:
-            yield nodes.ride
-        return
-    client = make_client(args.client, config)
-    try:
-        yield lambda request, longest: ride_through(client, rider, request, longest, times)
-    finally:
-        client.close()
 
 
 COMPARED: Final[Mapping[str, str]] = {

@@ -1,13 +1,12 @@
 """The simulator over ROS 2, with the same methods as the one in process.
 
-A `RosClient` starts its own simulator node in its own ROS domain, or joins one that runs. Each step is one command
-and one state in lockstep, so the rides are bit for bit those of :class:`bike_sim.sim.simulator.Simulator`.
+A `RosClient` starts its own simulator node in its own ROS domain. Each step is one command and one state in lockstep,
+so the rides are bit for bit those of :class:`bike_sim.sim.simulator.Simulator`.
 """
 
 from __future__ import annotations
 
 import contextlib
-import os
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -33,18 +32,18 @@ from bike_training.envs.node_process import InactivityTimeout, NodeLost, NodePro
 START_TIMEOUT: Final = 60.0
 """Longest wait for a simulator that is not at work either, s. Its first start on a machine compiles the physics."""
 
-TIMEOUT: Final = 10.0
-"""Silence after which the simulator counts as lost, s."""
-
 RESEND_AFTER: Final = 0.5
 """Time without an answer after which a command is sent again, s."""
+
+SILENCE: Final = 10.0
+"""Silence after which the simulator counts as lost, s."""
 
 
 class RosClient(AbstractContextManager["RosClient"]):
     """Rides one simulator node in lockstep.
 
     Attributes:
-        config: of the simulator (as given, when joining).
+        config: of the simulator.
         vehicle: the vehicle of that name or file.
         domain_id: ROS domain that is used.
         preview: the preview of the present episode.
@@ -52,20 +51,15 @@ class RosClient(AbstractContextManager["RosClient"]):
 
     preview = Preview()
 
-    def __init__(self, config: SimulatorConfig | None = None, join: int | None = None) -> None:
-        """Start or find the simulator.
-
-        Args:
-            config: of the simulator.
-            join: ROS domain of a simulator node that runs; None starts a new one in a free domain.
+    def __init__(self, config: SimulatorConfig | None = None) -> None:
+        """Start the simulator.
 
         Raises:
-            NodeLost: it ended or did not appear in time; with its last output if it is a new one.
+            NodeLost: it ended or did not appear in time; with its last output.
             FileNotFoundError: an unknown vehicle. ValueError: an invalid vehicle.
         """
         self.config = config or SimulatorConfig()
         self.vehicle: Vehicle = load_vehicle(self.config.vehicle)
-        self._join = join
         self._close = contextlib.ExitStack()
         try:
             self._open()
@@ -74,16 +68,11 @@ class RosClient(AbstractContextManager["RosClient"]):
             raise
 
     def _open(self) -> None:
-        self._process: NodeProcess | None = None
-        if self._join is not None:
-            self.domain_id = self._join
-        else:
-            self.domain_id = self._close.enter_context(DomainLease()).domain_id
-            parameters = asdict(self.config) | {"mode": "lockstep", "auto_reset": "never", "course": "line"}
-            self._process = NodeProcess("bike_sim.ros.sim_node", parameters, self.domain_id, node_tools.NAMESPACE)
-            self._close.callback(self._process.close)
-        name = f"ride_client_{os.getpid()}_{id(self) & 0xFFFF:x}"
-        self._node = node_tools.GuestNode(name, self.domain_id, node_tools.NAMESPACE)
+        self.domain_id = self._close.enter_context(DomainLease()).domain_id
+        parameters = asdict(self.config) | {"mode": "lockstep", "auto_reset": "never", "course": "line"}
+        self._process = NodeProcess("bike_sim.ros.sim_node", parameters, self.domain_id)
+        self._close.enter_context(self._process)
+        self._node = node_tools.GuestNode("ride_client", self.domain_id)
         self._close.callback(self._node.close)
         self._commands = self._node.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
         # Before the subscriptions: a matched simulator knows where to send its answers; earlier ones are dropped.
@@ -105,7 +94,7 @@ class RosClient(AbstractContextManager["RosClient"]):
         episode = self._last.episode
         self._wait_until(
             lambda: self._course is not None and self._course[0] == episode,
-            TIMEOUT,
+            SILENCE,
             f"has not sent the course of episode {episode}",
         )
         assert self._course is not None
@@ -120,7 +109,7 @@ class RosClient(AbstractContextManager["RosClient"]):
         """
         future = self._reset_service.call_async(messages.reset_to_message(request))
         try:
-            self._wait_until(future.done, TIMEOUT, "has not answered a reset")
+            self._wait_until(future.done, SILENCE, "has not answered a reset")
         finally:
             self._reset_service.remove_pending_request(future)
         response = future.result()
@@ -155,19 +144,8 @@ class RosClient(AbstractContextManager["RosClient"]):
         self._last = self._exchange(command, last.episode, last.step + 1)
         return self._last
 
-    def listen(self, timeout: float) -> Snapshot | None:
-        """Return the next state that another's commands bring about, or None after a wall-clock time, s.
-
-        Raises:
-            NodeLost: the simulator ended.
-        """
-        state = self._receive(timeout)
-        if state is None:
-            self._check_alive()
-        return state
-
     def close(self) -> None:
-        """End the simulator if this client started it, and leave the domain. A second call does nothing."""
+        """End the simulator, and leave the domain. A second call does nothing."""
         self._close.close()
 
     def __exit__(self, *_: object) -> None:
@@ -178,7 +156,7 @@ class RosClient(AbstractContextManager["RosClient"]):
 
     def _exchange(self, command: bytes, episode: int, step: int) -> Snapshot:
         """Send a command, again and again if need be, until the state of the given step comes."""
-        patience = self._patience(TIMEOUT)
+        patience = InactivityTimeout(SILENCE, [self._process])
         while True:
             self._commands.publish(command)
             resend_at = time.monotonic() + RESEND_AFTER
@@ -186,9 +164,9 @@ class RosClient(AbstractContextManager["RosClient"]):
                 state = self._receive(resend_at - now)
                 if state is not None and state.episode == episode and state.step == step:
                     return state
-            self._check_alive()
+            self._process.check()
             if patience.is_out():
-                raise self._lost(f"has not answered step {step} of episode {episode} within {TIMEOUT:g} s")
+                raise self._lost(f"has not answered step {step} of episode {episode} within {SILENCE:g} s")
 
     def _receive(self, timeout: float) -> Snapshot | None:
         """Return the next state, or None after the time-out."""
@@ -208,21 +186,13 @@ class RosClient(AbstractContextManager["RosClient"]):
         return bool(seen) and self._reset_service.service_is_ready()
 
     def _wait_until(self, condition: Callable[[], bool], timeout: float, complaint: str) -> None:
-        patience = self._patience(timeout)
+        patience = InactivityTimeout(timeout, [self._process])
         while not condition():
             self._node.spin_once(0.02)
-            self._check_alive()
+            self._process.check()
             if patience.is_out():
                 raise self._lost(f"{complaint} within {timeout:g} s")
 
-    def _patience(self, limit: float) -> InactivityTimeout:
-        """Return the longest accepted silence, s; a working child simulator is not silent."""
-        return InactivityTimeout(limit, [process for process in (self._process,) if process is not None])
-
-    def _check_alive(self) -> None:
-        if self._process is not None:
-            self._process.check()
-
     def _lost(self, complaint: str) -> NodeLost:
-        where = f"/{node_tools.NAMESPACE.strip('/')} in ROS domain {self.domain_id}"
+        where = f"/{node_tools.NAMESPACE} in ROS domain {self.domain_id}"
         return NodeLost(f"the simulator {where} {complaint}; is it running, in lockstep, and not paused?")

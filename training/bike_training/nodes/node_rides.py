@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,13 +20,9 @@ from bike_sim.physics.superbike.engine import TIME_STEP
 from bike_sim.ros import node_tools
 from bike_sim.ros.isolation import DomainLease
 from bike_sim.ros.subscriptions import subscribe
-from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.request import Preview, ResetRequest
 from bike_training.envs.node_process import InactivityTimeout, NodeLost, NodeProcess
-from bike_training.envs.ros_client import RosClient
 from bike_training.progress import progress_bar
 from bike_training.rollout.laps import MAX_LAP_RATIO
-from bike_training.rollout.rollout import RideResult, is_completed, is_over
 
 SILENCE: Final = 15.0
 """Wall-clock time without a new state, and without a node at work, after which a ride counts as stuck, s."""
@@ -99,9 +94,9 @@ def ride_recorded(
 class RideMonitor(AbstractContextManager["RideMonitor"]):
     """Listens to the state of a simulator in a ROS domain."""
 
-    def __init__(self, domain_id: int, namespace: str = node_tools.NAMESPACE) -> None:
+    def __init__(self, domain_id: int) -> None:
         """Join the domain."""
-        self._node = node_tools.GuestNode(f"ride_monitor_{os.getpid()}", domain_id, namespace)
+        self._node = node_tools.GuestNode(f"ride_monitor_{os.getpid()}", domain_id)
         self._state: BikeState | None = None
         self._recorded: frozenset[str] = frozenset()
         self._recorder = f"{self._node.get_namespace()}/record".lstrip("/")
@@ -252,61 +247,4 @@ def ride_through_nodes(
             distance=end,
             longest=MAX_LAP_RATIO * limit * (laps + 1),
             is_over=lambda state: bool(state.fallen or state.progress >= end),
-        )
-
-
-class NodeRides(AbstractContextManager["NodeRides"]):
-    """A simulator node and a policy node of one's own.
-
-    A ride is begun with the reset service. From then on the policy answers the simulator's states; nothing is sent from
-    here.
-    """
-
-    def __init__(self, policy: str, config: SimulatorConfig) -> None:
-        """Start both nodes.
-
-        Args:
-            policy: name or folder of a bundle.
-            config: simulator.
-
-        Raises:
-            NodeLost: the simulator did not start.
-        """
-        self._client = RosClient(config)
-        try:
-            self._drive = NodeProcess("bike_policy.drive", {"policy": policy}, self._client.domain_id)
-        except BaseException:
-            self._client.close()
-            raise
-
-    def __exit__(self, *_: object) -> None:
-        """End both nodes."""
-        self._drive.close()
-        self._client.close()
-
-    def ride(self, request: ResetRequest, longest: float) -> RideResult:
-        """Ride for at most a simulated time, s.
-
-        Raises:
-            ValueError: the simulator refused the request.
-            NodeLost: a node ended, or no state came for long.
-        """
-        first = self._client.reset(replace(request, preview=Preview()))
-        snapshots = [first]
-        patience, step = InactivityTimeout(SILENCE, [self._drive]), first.step
-        while len(snapshots) == 1 or not is_over(snapshots[-1], longest):
-            state = self._client.listen(0.2)
-            if state is None or state.episode != first.episode or state.step <= step:
-                self._drive.check()
-                if patience.is_out():
-                    raise NodeLost(f"no new state for {SILENCE:g} s; the ride is stuck at step {step}")
-                continue
-            snapshots.append(state)
-            patience.heard()
-            step = state.step
-        course = self._client.course
-        assert course is not None, "an episode was begun"
-        lost = step - first.step - (len(snapshots) - 1)
-        return replace(
-            RideResult.from_snapshots(snapshots, course, is_completed(snapshots[-1], request)), lost_states=lost
         )

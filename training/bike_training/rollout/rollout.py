@@ -74,7 +74,6 @@ class RideResult:
         roll: rad.
         steer: rad.
         steer_rate: rad/s.
-        lost_states: states of the ride that are missing here.
     """
 
     speed: float
@@ -84,7 +83,6 @@ class RideResult:
     roll: FloatArray
     steer: FloatArray
     steer_rate: FloatArray
-    lost_states: int = 0
 
     @classmethod
     def from_snapshots(cls, snapshots: Sequence[Snapshot], course: Course, completed: bool) -> RideResult:
@@ -105,7 +103,6 @@ class RideResult:
         found: dict[str, Any] = {
             "speed_m_s": round(self.speed, 6),
             "completed": self.completed,
-            "lost_states": self.lost_states,
             "mean_m": float(distance.mean()),
             "max_m": float(distance.max()),
             "rms_m": float(np.sqrt(np.mean(distance**2))),

@@ -1,7 +1,7 @@
 """Message definitions as a recording needs them: the text of a type with all nested types, and its hash.
 
-They come from the ``.msg`` files of installed packages or of source directories, in the order in which rosbag2 writes
-them (rosbag2_cpp/message_definitions of Jazzy). Nothing here imports a message package.
+They come from the ``.msg`` files of installed packages, in the order in which rosbag2 writes them
+(rosbag2_cpp/message_definitions of Jazzy). Nothing here imports a message package.
 """
 
 from __future__ import annotations
@@ -10,15 +10,11 @@ import json
 import os
 import re
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from bike_sim.documents import DocumentError, read_text
-
-ShareResolver = Callable[[str], Path]
-"""Maps the name of a ROS package to its share directory, the one that contains ``msg/``."""
 
 MAX_DEFINITION_SIZE: Final = 1_000_000
 """Largest file of a definition, bytes; those of ROS 2 have at most some 100 kB."""
@@ -64,12 +60,11 @@ def ament_share(package: str) -> Path:
     raise FileNotFoundError(f"ROS package {package!r} is not installed under {searched}; is the workspace built?")
 
 
-def message_type(name: str, share: ShareResolver = ament_share) -> MessageType:
-    """Describe a message type from its installed or source ``.msg`` files.
+def message_type(name: str) -> MessageType:
+    """Describe a message type from its installed ``.msg`` files.
 
     Args:
         name: Full name, ``package/msg/Type``.
-        share: Where packages are.
 
     Returns:
         The type with its self-contained definition.
@@ -80,10 +75,10 @@ def message_type(name: str, share: ShareResolver = ament_share) -> MessageType:
     """
     _split(name)
     texts: dict[str, str] = {}
-    _collect(name, share, texts)
+    _collect(name, texts)
     parts = [texts[name]]
     parts += [f"{'=' * 80}\nMSG: {_short(other)}\n{text}" for other, text in texts.items() if other != name]
-    return MessageType(name, "\n".join(parts), _type_hash(name, share))
+    return MessageType(name, "\n".join(parts), _type_hash(name))
 
 
 def _split(name: str) -> tuple[str, str]:
@@ -97,16 +92,16 @@ def _short(name: str) -> str:
     return "/".join(_split(name))
 
 
-def _collect(name: str, share: ShareResolver, texts: dict[str, str]) -> None:
+def _collect(name: str, texts: dict[str, str]) -> None:
     """Add the text of `name` and of its nested types to `texts`, depth first and in sorted order as rosbag2 does."""
     package, kind = _split(name)
-    path = share(package) / "msg" / f"{kind}.msg"
+    path = ament_share(package) / "msg" / f"{kind}.msg"
     if not path.is_file():
         raise FileNotFoundError(f"package {package!r} has no message {kind!r} ({path} does not exist)")
     texts[name] = _read(path)
     for nested in sorted(_nested_types(texts[name], package)):
         if nested not in texts:
-            _collect(nested, share, texts)
+            _collect(nested, texts)
 
 
 def _nested_types(text: str, package: str) -> set[str]:
@@ -120,10 +115,10 @@ def _nested_types(text: str, package: str) -> set[str]:
     return names
 
 
-def _type_hash(name: str, share: ShareResolver) -> str:
+def _type_hash(name: str) -> str:
     package, kind = _split(name)
-    path = share(package) / "msg" / f"{kind}.json"
-    if not path.is_file():  # a source directory: hashes are made by the build
+    path = ament_share(package) / "msg" / f"{kind}.json"
+    if not path.is_file():  # a package whose build made no hashes
         return ""
     text = _read(path)
     try:

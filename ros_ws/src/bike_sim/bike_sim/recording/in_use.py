@@ -69,17 +69,16 @@ class Claim(AbstractContextManager["Claim"]):
         self.close()
 
 
-def claim_folder(path: Path, option: str = "--out") -> Claim:
+def claim_folder(path: Path) -> Claim:
     """Claim the folder of a command's results.
 
     Args:
         path: the folder.
-        option: which names another one.
 
     Raises:
         OSError: another process has claimed it.
     """
-    return Claim(path, "folder", f"choose another with {option}")
+    return Claim(path, "folder", "choose another with --out")
 
 
 def _holder(file: int) -> int | None:

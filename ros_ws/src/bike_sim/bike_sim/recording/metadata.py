@@ -45,11 +45,6 @@ class Qos:
     deadline_ns: int = UNLIMITED
     lifespan_ns: int = UNLIMITED
 
-    @property
-    def latched(self) -> bool:
-        """Whether a late subscriber still gets the last messages."""
-        return self.durability == "transient_local"
-
     def profile(self) -> dict[str, Any]:
         """The profile as rosbag2's metadata version 9 spells it."""
         return {
@@ -69,57 +64,49 @@ LATCHED: Final = Qos(depth=1, durability="transient_local")
 """Of static data such as the course: a late subscriber still gets the last message."""
 
 
-@dataclass(frozen=True)
-class FileSummary:
-    """Contents of one file.
-
-    Attributes:
-        name: Name of the file in its directory.
-        counts: Messages by topic, also topics without any.
-        start_ns: Earliest log time, ns; 0 without messages.
-        end_ns: Latest log time, ns.
-    """
-
-    name: str
-    counts: Mapping[str, int]
-    start_ns: int = 0
-    end_ns: int = 0
-
-    @property
-    def message_count(self) -> int:
-        """Messages on all topics."""
-        return sum(self.counts.values())
-
-
 def bag_information(
-    topics: Mapping[str, tuple[MessageType, Sequence[Qos]]], files: Sequence[FileSummary], notes: Mapping[str, str]
+    file: str,
+    topics: Mapping[str, tuple[MessageType, Sequence[Qos], int]],
+    start_ns: int,
+    end_ns: int,
+    notes: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Return what ``metadata.yaml`` says about a recording.
+    """Return what ``metadata.yaml`` says about a recording in one file.
 
     Args:
-        topics: Type and offered QoS of each topic.
-        files: Its files, in order.
+        file: Name of the file in its directory.
+        topics: Type, offered QoS and number of messages of each topic.
+        start_ns: Earliest log time, ns; 0 without messages.
+        end_ns: Latest log time, ns.
         notes: Its notes.
     """
-    spans = [(file.start_ns, file.end_ns) for file in files if file.message_count]
-    start = min((begin for begin, _ in spans), default=0)
-    end = max((end for _, end in spans), default=0)
+    span = {
+        "duration": {"nanoseconds": max(0, end_ns - start_ns)},
+        "starting_time": {"nanoseconds_since_epoch": start_ns},
+    }
+    count = sum(count for *_, count in topics.values())
     return {
         "version": _METADATA_VERSION,
         "storage_identifier": "mcap",
-        **_span(start, end),
-        "message_count": sum(file.message_count for file in files),
+        **span,
+        "message_count": count,
         "topics_with_message_count": [
-            _topic_information(name, kind, offered, sum(file.counts.get(name, 0) for file in files))
-            for name, (kind, offered) in topics.items()
+            {
+                "topic_metadata": {
+                    "name": name,
+                    "type": kind.name,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": [qos.profile() for qos in offered],
+                    "type_description_hash": kind.type_hash,
+                },
+                "message_count": messages,
+            }
+            for name, (kind, offered, messages) in topics.items()
         ],
         "compression_format": "",
         "compression_mode": "",
-        "relative_file_paths": [file.name for file in files],
-        "files": [
-            {"path": file.name, **_span(file.start_ns, file.end_ns), "message_count": file.message_count}
-            for file in files
-        ],
+        "relative_file_paths": [file],
+        "files": [{"path": file, **span, "message_count": count}],
         "custom_data": dict(notes) or None,
         "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
     }
@@ -171,23 +158,3 @@ class _PlainDumper(yaml.SafeDumper):
 def _duration(nanoseconds: int) -> dict[str, int]:
     seconds, rest = divmod(min(nanoseconds, UNLIMITED), _SECOND)
     return {"sec": seconds, "nsec": rest}
-
-
-def _span(start: int, end: int) -> dict[str, Any]:
-    return {
-        "duration": {"nanoseconds": max(0, end - start)},
-        "starting_time": {"nanoseconds_since_epoch": start},
-    }
-
-
-def _topic_information(name: str, kind: MessageType, offered: Sequence[Qos], count: int) -> dict[str, Any]:
-    return {
-        "topic_metadata": {
-            "name": name,
-            "type": kind.name,
-            "serialization_format": "cdr",
-            "offered_qos_profiles": [qos.profile() for qos in offered],
-            "type_description_hash": kind.type_hash,
-        },
-        "message_count": count,
-    }

@@ -1,24 +1,22 @@
-"""A recording as rosbag2 writes it: one MCAP file, or a directory with one or more of them."""
+"""A recording as rosbag2 writes it: an MCAP file, alone or in a directory."""
 
 from __future__ import annotations
 
 import os
 import re
 import time
-from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from bike_sim.recording.definitions import MessageType, ShareResolver, ament_share, message_type
+from bike_sim.recording.definitions import MessageType, message_type
 from bike_sim.recording.in_use import Claim
 from bike_sim.recording.mcap_file import COMPRESSIONS, McapFile
 from bike_sim.recording.metadata import (
     METADATA_FILE,
     NOTES_RECORD,
-    FileSummary,
     Qos,
     bag_information,
     described_files,
@@ -34,46 +32,18 @@ FLUSH_PERIOD_S: Final = 0.5
 """Wall-clock time after which an open chunk is written even if it is not full."""
 
 _CDR_HEADER_BYTES: Final = 4
-_SECOND: Final = 1_000_000_000
 _BLOCK_BYTES: Final = 4096
 """Usual allocation unit of a file system."""
 
 
-@dataclass(frozen=True)
-class Split:
-    """When a recording continues in the next file, as in ``ros2 bag record``: at the first message after a limit.
-
-    Attributes:
-        max_bytes: Size on disk at which a file has enough, bytes; 0 for no limit.
-        max_duration_s: Time between its first and the next message after which it has enough, s; 0 for no limit.
-    """
-
-    max_bytes: int = 0
-    max_duration_s: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Check the limits.
-
-        Raises:
-            ValueError: If one is negative.
-        """
-        if self.max_bytes < 0 or not 0.0 <= self.max_duration_s < float("inf"):
-            raise ValueError(f"limits of a file must not be negative, got {self.max_bytes} and {self.max_duration_s}")
-
-    def __bool__(self) -> bool:
-        """Whether there is a limit."""
-        return bool(self.max_bytes or self.max_duration_s)
-
-
 @dataclass
 class _Topic:
-    """One recorded topic; `last` holds the messages that a late subscriber would still get."""
+    """One recorded topic."""
 
     type: MessageType
     offered: tuple[Qos, ...]
     channel: int = 0
     count: int = 0
-    last: deque[tuple[int, bytes]] | None = None
 
 
 class RideRecorder(AbstractContextManager["RideRecorder"]):
@@ -83,8 +53,8 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
     `flush_period_s` old, and `bike_analysis` reads a truncated file up to its last complete chunk.
 
     Attributes:
-        path: The MCAP file being written, or the last one.
-        message_count: Messages written so far, without those repeated at the head of a file.
+        path: The MCAP file.
+        message_count: Messages written so far.
         flush_period_s: Largest age of an open chunk, s of wall-clock time, checked at each message and `flush`.
     """
 
@@ -94,10 +64,8 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         self,
         path: str | os.PathLike[str],
         *,
-        share: ShareResolver = ament_share,
         compression: str = "zstd",
         chunk_bytes: int = CHUNK_BYTES,
-        split: Split | None = None,
         notes: Mapping[str, str] | None = None,
         overwrite: bool = False,
         metadata_file: bool | None = None,
@@ -107,10 +75,8 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         Args:
             path: ``name.mcap`` for a single file, or a directory name for a rosbag2 directory (``name/name_0.mcap``
                 and ``name/metadata.yaml``, as ``ros2 bag record -o name`` makes it). Parents are created.
-            share: Where message packages are, for the schemas of `add_topic`.
             compression: Of chunks: ``zstd``, ``lz4`` or ``none``.
             chunk_bytes: Uncompressed size at which a chunk is closed, bytes.
-            split: When to continue in the next file; only for a directory. None: never.
             notes: Anything worth keeping about the ride (vehicle, policy, seed ...), text to text.
             overwrite: Replace an existing recording of this name.
             metadata_file: Write ``metadata.yaml`` next to the file. By default always for a directory, and for a single
@@ -129,26 +95,23 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         if not target.name:
             raise ValueError(f"{os.fspath(path)!r} is no name for a recording")
         self._directory = None if target.suffix == ".mcap" else target
-        self._split = split or Split()
-        if self._split and not self._directory:
-            raise ValueError(f"recording {target} cannot be split: give a directory, a path without .mcap")
         self._claim = self._claimed(target, overwrite)
         self.message_count = 0
-        self._share = share
-        self._compression = compression
-        self._chunk_bytes = chunk_bytes
         self._notes = dict(notes or {})
         self._metadata_file = metadata_file
         self._topics: dict[str, _Topic] = {}
-        self._finished: list[FileSummary] = []
-        self._finished_bytes = 0
         self._longest_lag_s = 0.0
         self.path = target / f"{target.name}_0.mcap" if self._directory else target
+        self._schemas: dict[str, int] = {}
+        self._chunk_begun = time.monotonic()
+        self._final_bytes = 0
         self._file: McapFile | None = None
         try:
             self._make_room(target, overwrite)
             with self._stopping_on_error():
-                self._open_next()
+                self._file = McapFile(self.path, chunk_bytes, compression)
+                if self._notes:
+                    self._file.add_metadata(NOTES_RECORD, self._notes)
         except BaseException:
             self._claim.close()
             raise
@@ -169,18 +132,15 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
 
     @property
     def bytes_written(self) -> int:
-        """Size of all files so far, bytes; the open chunk is not part of it."""
-        return self._finished_bytes + (self._file.size if self._file else 0)
+        """Size of the file so far, bytes; the open chunk is not part of it."""
+        return self._file.size if self._file else self._final_bytes
 
     def add_topic(self, topic: str, type_: str | MessageType, qos: Qos | Sequence[Qos] | None = None) -> None:
-        """Announce a topic. A topic without messages is recorded as such.
-
-        The last messages of a latched topic are repeated at the head of each further file, as many as its publishers
-        keep together. Announcing it again adds publishers.
+        """Announce a topic, or further publishers of one. A topic without messages is recorded as such.
 
         Args:
             topic: Full name, for example ``/bike/state``.
-            type_: Full type name, whose definition the resolver finds, or the type itself.
+            type_: Full name of an installed type, or the type itself.
             qos: What its publisher offers, or each of them.
 
         Raises:
@@ -192,13 +152,11 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         offered = (qos,) if isinstance(qos, Qos) else tuple(qos or (Qos(),))
         known = self._topics.get(topic)
         if known is None:
-            described = message_type(type_, self._share) if isinstance(type_, str) else type_
+            described = message_type(type_) if isinstance(type_, str) else type_
             known = self._topics[topic] = _Topic(described, offered)
             self._announce(file, topic, known)
         elif known.type.name != name:
             raise ValueError(f"topic {topic} is recorded as {known.type.name}, not as {name}")
-        if all(each.latched for each in offered):
-            known.last = deque(known.last or (), maxlen=sum(each.depth for each in offered) or 1)
 
     def write(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int | None = None) -> None:
         """Record one message.
@@ -222,14 +180,18 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         if log_time_ns < 0:
             raise ValueError(f"log time of a message on {topic} is {log_time_ns} ns; it must not be negative")
         published = log_time_ns if publish_time_ns is None else publish_time_ns
+        now = time.monotonic()
+        if not file.has_open_chunk:
+            self._chunk_begun = now
         try:
-            if self._split and self._has_enough(file, log_time_ns):
-                file = self._go_on(log_time_ns)
-            self._put(file, known, data, log_time_ns, published)
+            file.add_message(known.channel, known.count, log_time_ns, published, data)
+            if file.has_open_chunk and now - self._chunk_begun >= self.flush_period_s:
+                file.flush()
         except OSError as error:
             self._stop(error)
-        if known.last is not None:
-            known.last.append((published, data))
+        if not file.has_open_chunk:
+            self._note_lag()
+        known.count += 1
         self.message_count += 1
 
     def flush(self, older_than_s: float = 0.0) -> None:
@@ -263,8 +225,12 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         if self._file is None:
             return
         with self._stopping_on_error():
-            self._finish_file()
-            self._write_metadata_file()
+            file = self._open_file()
+            file.flush()
+            file.add_metadata("rosbag2", {"serialized_metadata": to_yaml(self._information(file))})
+            file.finish()
+            self._file, self._final_bytes = None, file.size
+            self._write_metadata_file(file)
         self._claim.close()
 
     # ----------------------------------------------------------------------------------------------------------- files
@@ -308,20 +274,6 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         for file in stale:
             file.unlink(missing_ok=True)
 
-    def _open_next(self) -> McapFile:
-        """Open a file and announce all topics in it."""
-        self._file = None
-        self._file = file = McapFile(self.path, self._chunk_bytes, self._compression)
-        self._schemas: dict[str, int] = {}
-        self._begun_at: int | None = None
-        self._chunk_begun = time.monotonic()
-        if self._notes:
-            file.add_metadata(NOTES_RECORD, self._notes)
-        for name, topic in self._topics.items():
-            self._announce(file, name, topic)
-        self._head_bytes = file.size
-        return file
-
     def _announce(self, file: McapFile, name: str, topic: _Topic) -> None:
         kind = topic.type
         if kind.name not in self._schemas:
@@ -331,60 +283,8 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
             metadata["topic_type_hash"] = kind.type_hash
         topic.channel = file.add_channel(name, self._schemas[kind.name], metadata)
 
-    def _has_enough(self, file: McapFile, log_time: int) -> bool:
-        limits, begun = self._split, self._begun_at
-        if begun is None:
-            return False
-        by_size = limits.max_bytes and file.size >= max(limits.max_bytes, self._head_bytes + 1)
-        by_time = limits.max_duration_s and log_time - begun > limits.max_duration_s * _SECOND
-        return bool(by_size or by_time)
-
-    def _go_on(self, log_time: int) -> McapFile:
-        """Continue in the next file, which begins with the messages that a late subscriber would receive."""
-        self._finish_file()
-        self._write_metadata_file()  # after a kill it describes the complete files
-        folder = self.path.parent
-        self.path = folder / f"{folder.name}_{len(self._finished)}.mcap"
-        file = self._open_next()
-        for topic in self._topics.values():
-            for published, data in topic.last or ():
-                self._put(file, topic, data, log_time, published)
-        file.flush()
-        self._head_bytes = file.size
-        return file
-
-    def _put(self, file: McapFile, topic: _Topic, data: bytes, log_time: int, published: int) -> None:
-        now = time.monotonic()
-        if not file.has_open_chunk:
-            self._chunk_begun = now
-        if self._begun_at is None:
-            self._begun_at = log_time
-        file.add_message(topic.channel, topic.count, log_time, published, data)
-        topic.count += 1
-        if file.has_open_chunk and now - self._chunk_begun >= self.flush_period_s:
-            file.flush()
-        if not file.has_open_chunk:
-            self._note_lag()
-
     def _note_lag(self) -> None:
         self._longest_lag_s = max(self._longest_lag_s, time.monotonic() - self._chunk_begun)
-
-    def _finish_file(self) -> None:
-        file = self._open_file()
-        file.flush()
-        information = self._information([self._summary(file)])
-        file.add_metadata("rosbag2", {"serialized_metadata": to_yaml(information)})
-        file.finish()
-        self._file = None
-        self._keep_books(file)
-
-    def _keep_books(self, file: McapFile) -> None:
-        self._finished.append(self._summary(file))
-        self._finished_bytes += file.size
-
-    def _summary(self, file: McapFile) -> FileSummary:
-        counts = {name: file.counts[topic.channel] for name, topic in self._topics.items()}
-        return FileSummary(file.path.name, counts, file.start_ns, file.end_ns)
 
     # ---------------------------------------------------------------------------------------------------- what is wrong
 
@@ -409,27 +309,26 @@ class RideRecorder(AbstractContextManager["RideRecorder"]):
         """
         file, self._file = self._file, None
         if file is not None:
-            information = self._information([*self._finished, self._summary(file)])
-            file.salvage(spare=len(to_yaml(information)) + _BLOCK_BYTES)
-            self._keep_books(file)
+            file.salvage(spare=len(to_yaml(self._information(file))) + _BLOCK_BYTES)
+            self._final_bytes = file.size
             with suppress(OSError):
-                self._write_metadata_file()
+                self._write_metadata_file(file)
         self._claim.close()
         raise OSError(error.errno, f"recording {self.path} stopped: {error.strerror or error}") from error
 
     # -------------------------------------------------------------------------------------------------------- metadata
 
-    def _write_metadata_file(self) -> None:
-        """Describe the finished files, where that is wanted."""
+    def _write_metadata_file(self, file: McapFile) -> None:
+        """Describe the finished file, where that is wanted."""
         wanted = self._metadata_file
         if wanted is None:
             wanted = self._directory is not None or is_only_recording(self.path)
         if wanted:
-            write_metadata_file(self.path.parent, self._information(self._finished))
+            write_metadata_file(self.path.parent, self._information(file))
 
-    def _information(self, files: Sequence[FileSummary]) -> dict[str, Any]:
-        topics = {name: (topic.type, topic.offered) for name, topic in self._topics.items()}
-        return bag_information(topics, files, self._notes)
+    def _information(self, file: McapFile) -> dict[str, Any]:
+        topics = {name: (topic.type, topic.offered, file.counts[topic.channel]) for name, topic in self._topics.items()}
+        return bag_information(file.path.name, topics, file.start_ns, file.end_ns, self._notes)
 
 
 def _exists(path: Path) -> FileExistsError:

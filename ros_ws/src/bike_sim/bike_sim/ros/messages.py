@@ -36,7 +36,7 @@ from bike_sim.schema import BIKE_STATE, FLAG, LIMITS, LOOK, SIGNALS, STATE, TELE
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import Event, EventKind, WallHit
-from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.sim.request import IN_MESSAGES, Preview, ResetRequest
 from bike_sim.sim.snapshot import CircuitView, Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
@@ -50,13 +50,7 @@ FOOTPRINT_FRAME: Final = "base_footprint"
 STATE_TYPE: Final = "bike_msgs/msg/BikeState"
 COMMAND_TYPE: Final = "bike_msgs/msg/BikeCommand"
 
-_OWN: Final = -1.0
-"""Line and progress of a reset that keep the simulator's own."""
-
 _RANGES: Final = tuple(spec.name for spec in fields(PathRanges))
-_REQUEST: Final = ("seed", "course", "perturb", "line", "progress", "speed_share", "start_offset", "start_heading")
-"""Fields of a request that have the same name in its message."""
-
 # ------------------------------------------------------------------------------------------------------------ bytes
 
 _STORE: Final = get_typestore(Stores.EMPTY)
@@ -288,34 +282,6 @@ def reset_to_message(request: ResetRequest) -> Reset.Request:
     return message
 
 
-def reset_from_message(message: Reset.Request, own: ResetRequest) -> ResetRequest:
-    """Return the request for an episode in a service request.
-
-    Args:
-        message: the request. Its seed must have been drawn already if it was negative.
-        own: the simulator's own settings, which serve where the message leaves something open.
-
-    Raises:
-        ValueError: naming the invalid value.
-    """
-    ranges = {name: getattr(message, name) for name in _RANGES}
-    values = {name: getattr(message, name) for name in _REQUEST}
-    values |= {name: getattr(own, name) for name in ("line", "progress") if values[name] == _OWN}
-    preview = own.preview
-    if message.preview_count:
-        preview = Preview(message.preview_by_time, message.preview_interval, message.preview_count)
-    speed = (message.speed_min, message.speed_max)
-    return ResetRequest(
-        **values | {"course": message.course or own.course},
-        speed_range=own.speed_range if speed == (0.0, 0.0) else speed,
-        initial_state=tuple(message.initial_state) or None,
-        path_ranges=PathRanges(**ranges) if any(ranges.values()) else own.path_ranges,
-        path_length=message.path_length or own.path_length,
-        preview=preview,
-        context=tuple(message.context),
-    )
-
-
 def episode_start_to_message(
     request: ResetRequest, config: SimulatorConfig, signal_names: Sequence[str], episode: int, stamp: int
 ) -> EpisodeStart:
@@ -340,7 +306,7 @@ def episode_start_to_message(
 
 def _fill_request(message: Reset.Request | EpisodeStart, request: ResetRequest) -> None:
     """Set the fields that a reset and the start of an episode have in common."""
-    for names, source in ((_REQUEST, request), (_RANGES, request.path_ranges)):
+    for names, source in ((IN_MESSAGES, request), (_RANGES, request.path_ranges)):
         for name in names:
             setattr(message, name, type(getattr(message, name))(getattr(source, name)))
     message.speed_min, message.speed_max = map(float, request.speed_range)

@@ -7,7 +7,6 @@ chunk, and after a full disk it is a complete file.
 
 from __future__ import annotations
 
-import math
 import struct
 import time
 from collections.abc import Mapping
@@ -20,7 +19,7 @@ import rclpy.node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from bike_sim.recording.definitions import MessageType, message_type
-from bike_sim.recording.recorder import CHUNK_BYTES, FLUSH_PERIOD_S, RideRecorder, Split
+from bike_sim.recording.recorder import CHUNK_BYTES, FLUSH_PERIOD_S, RideRecorder
 from bike_sim.ros import node_tools
 from bike_sim.ros.node_tools import NANOSECONDS, CannotGoOn, ParameterSpec
 from bike_sim.ros.subscriptions import RawSubscription, asks_too_much, class_of, described_qos, matching_qos
@@ -34,15 +33,6 @@ SPECS: Final = (
     ParameterSpec("overwrite", False, "Whether an existing recording is replaced.", fixed=True),
     ParameterSpec("compression", "zstd", "Of the file's chunks.", fixed=True, choices=("zstd", "lz4", "none")),
     ParameterSpec("chunk_size", CHUNK_BYTES, "Of a chunk before compression, bytes.", fixed=True),
-    ParameterSpec(
-        "max_bag_size", 0, "Directory: size on disk after which the next file begins, bytes; 0: none.", fixed=True
-    ),
-    ParameterSpec(
-        "max_bag_duration",
-        0.0,
-        "Directory: time in a file after which the next one begins, s of the recording's clock; 0: none.",
-        fixed=True,
-    ),
     ParameterSpec(
         "clock",
         SIMULATED,
@@ -90,9 +80,6 @@ def writing_settings(values: Mapping[str, Any]) -> dict[str, Any]:
         raise ValueError("parameters all_topics and topics exclude each other: choose topics, or take all")
     if not 1 <= values["chunk_size"] <= LARGEST_CHUNK:
         raise ValueError(f"parameter chunk_size must be from 1 to {LARGEST_CHUNK}, got {values['chunk_size']}")
-    for name in ("max_bag_size", "max_bag_duration"):
-        if not math.isfinite(values[name]) or values[name] < 0:
-            raise ValueError(f"parameter {name} must be finite and not negative, got {values[name]}")
     notes = {"recorded": time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime())}
     for entry in values["notes"]:
         name, separator, text = entry.partition("=")
@@ -104,7 +91,6 @@ def writing_settings(values: Mapping[str, Any]) -> dict[str, Any]:
         "compression": values["compression"],
         "chunk_bytes": values["chunk_size"],
         "overwrite": values["overwrite"],
-        "split": Split(values["max_bag_size"], values["max_bag_duration"]),
         "notes": notes,
     }
 
@@ -254,7 +240,6 @@ class Record(rclpy.node.Node):
         ends = self.get_publishers_info_by_topic(topic.name)
         if not ends:
             return
-        self._recorder.add_topic(topic.name, topic.kind, [described_qos(end) for end in ends])
         if asks_too_much(topic.subscription.qos, qos := matching_qos(ends)):
             self._poll()
             self._dropped_before += topic.subscription.lost()

@@ -39,7 +39,6 @@ from bike_sim.ros.messages import (
     episode_start_to_message,
     event_to_message,
     lean_history_to_message,
-    reset_from_message,
     telemetry_to_message,
 )
 from bike_sim.ros.node_tools import NANOSECONDS, ParameterSpec, time_to_message
@@ -141,7 +140,6 @@ SPECS: Final = (
         "frame_prefix", "", "Before the frames, map excepted; none: that of the namespace, none for /bike.", fixed=True
     ),
     ParameterSpec("publish_clock", True, "Publish /clock; false for all simulators of a domain but one.", fixed=True),
-    ParameterSpec("publish_markers", True, "Publish markers for RViz and Foxglove where someone listens.", fixed=True),
 )
 
 
@@ -266,11 +264,10 @@ class SimNode(rclpy.node.Node):
             "lean_history": lambda s, stamp: lean_history_to_message(s, stamp, self._period),
             "odom": lambda s, stamp: standard_messages.odometry(s, vehicle, stamp),
             "joint_states": lambda s, stamp: standard_messages.joint_state(s, vehicle, stamp),
+            "markers": lambda s, stamp: standard_messages.vehicle_markers(s, vehicle, stamp),
         }
         if isinstance(vehicle, Superbike):
             extras["telemetry"] = lambda s, stamp: telemetry_to_message(s, vehicle, stamp)
-        if values["publish_markers"]:
-            extras["markers"] = lambda s, stamp: standard_messages.vehicle_markers(s, vehicle, stamp)
         if TFMessage is not None:
             extras["/tf"] = lambda s, stamp: TFMessage(transforms=[make(s, stamp) for make in frames])
         self._extras = [(publisher(self, name), make) for name, make in extras.items()]
@@ -340,9 +337,8 @@ class SimNode(rclpy.node.Node):
         start = episode_start_to_message(request, config, names, snapshot.episode, self._begin_stamp)
         self._start_topic.publish(start)
         self._course_topic.publish(course_to_message(course, snapshot.episode, self._begin_stamp))
-        if self._settings.values["publish_markers"]:
-            marker = standard_messages.course_marker(course, self._begin_stamp)
-            self._course_marker_topic.publish(self._prefixed(marker))
+        marker = standard_messages.course_marker(course, self._begin_stamp)
+        self._course_marker_topic.publish(self._prefixed(marker))
         for event in snapshot.events:
             self._event_topic.publish(event_to_message(event, snapshot, self._begin_stamp))
         self._show(snapshot)
@@ -418,7 +414,7 @@ class SimNode(rclpy.node.Node):
         try:
             if request.seed < 0:
                 request.seed = self._draw_seed()
-            self._begin(reset_from_message(request, self._request))
+            self._begin(ResetRequest.from_message(request, self._request))
             response.success, response.seed = True, request.seed
         except (ValueError, OSError) as error:
             response.message = " ".join(str(error).split())

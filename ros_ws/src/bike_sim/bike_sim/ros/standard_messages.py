@@ -16,6 +16,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from bike_sim.course.course import Course
 from bike_sim.physics import kinematics
 from bike_sim.physics import state as st
+from bike_sim.physics.multibody.vectors import axis_angle, conjugate, multiply, rotate
 from bike_sim.ros.messages import FOOTPRINT_FRAME, MAP_FRAME
 from bike_sim.ros.node_tools import time_to_message
 from bike_sim.schema import SIGNALS
@@ -28,6 +29,8 @@ FloatArray = NDArray[np.float64]
 
 ODOM_FRAME: Final = "odom"
 BASE_FRAME: Final = "base_link"
+
+_X, _Y, _Z = np.eye(3)
 
 JOINTS: Final = ("steer", "rear_wheel", "front_wheel", "pitch")
 _PITCH, _PITCH_RATE, _REAR_SLIP, _LATERAL, _VERTICAL = (
@@ -105,8 +108,7 @@ def odometry(snapshot: Snapshot, vehicle: Vehicle, stamp: int) -> Odometry:
     message.header.frame_id = ODOM_FRAME
     message.child_frame_id = BASE_FRAME
     message.pose.pose.position = _point(snapshot.state[st.X], snapshot.state[st.Y], 0.0)
-    (sy, cy), (sr, cr) = _half_turn(snapshot.state[st.YAW]), _half_turn(snapshot.state[st.ROLL])
-    message.pose.pose.orientation = Quaternion(x=cy * sr, y=sy * sr, z=sy * cr, w=cy * cr)
+    message.pose.pose.orientation = _quaternion(_lean(snapshot.state))
     message.twist.twist.linear = _vector(*motion.linear)
     message.twist.twist.angular = _vector(*motion.angular)
     message.pose.covariance = message.twist.covariance = _COVARIANCE
@@ -134,16 +136,14 @@ def odom_to_footprint(snapshot: Snapshot, stamp: int) -> TransformStamped:
     """Return the transform from odom to base_footprint: the rear contact point, yaw only (REP-120)."""
     message = _transform(ODOM_FRAME, FOOTPRINT_FRAME, stamp)
     message.transform.translation = _vector(snapshot.state[st.X], snapshot.state[st.Y], 0.0)
-    sin, cos = _half_turn(snapshot.state[st.YAW])
-    message.transform.rotation = Quaternion(z=sin, w=cos)
+    message.transform.rotation = _quaternion(axis_angle(_Z, snapshot.state[st.YAW]))
     return message
 
 
 def footprint_to_base(snapshot: Snapshot, stamp: int) -> TransformStamped:
     """Return the transform from base_footprint to base_link: the lean."""
     message = _transform(FOOTPRINT_FRAME, BASE_FRAME, stamp)
-    sin, cos = _half_turn(snapshot.state[st.ROLL])
-    message.transform.rotation = Quaternion(x=sin, w=cos)
+    message.transform.rotation = _quaternion(axis_angle(_X, snapshot.state[st.ROLL]))
     return message
 
 
@@ -224,14 +224,14 @@ def vehicle_markers(snapshot: Snapshot, vehicle: Vehicle, stamp: int) -> MarkerA
         wheel = _marker(number, Marker.CYLINDER, MAP_FRAME, stamp, colour)
         wheel.pose.position = _point(*centre)
         # A cylinder's axis is z, a wheel's is y.
-        wheel.pose.orientation = _quaternion(turn @ _rotation(0, math.pi / 2.0))
+        wheel.pose.orientation = _quaternion(multiply(turn, axis_angle(_X, math.pi / 2.0)))
         wheel.scale.x = wheel.scale.y = 2.0 * radius
         wheel.scale.z = 0.04
         wheels.append(wheel)
     frame = _marker(3, Marker.LINE_STRIP, MAP_FRAME, stamp, colour)
     frame.scale.x = 0.05
-    saddle = rear[0] + rear[1] @ np.array([0.25 * vehicle.w, 0.0, 1.8 * vehicle.rR])
-    handlebar = front[0] + front[1] @ np.array([-0.35 * vehicle.rF, 0.0, 1.7 * vehicle.rF])
+    saddle = rear[0] + rotate(rear[1], np.array([0.25 * vehicle.w, 0.0, 1.8 * vehicle.rR]))
+    handlebar = front[0] + rotate(front[1], np.array([-0.35 * vehicle.rF, 0.0, 1.7 * vehicle.rF]))
     frame.points = [_point(*p) for p in (rear[0], saddle, handlebar, front[0])]
     preview = _marker(4, Marker.SPHERE_LIST, FOOTPRINT_FRAME, stamp, _PREVIEW_COLOUR)
     preview.scale.x = preview.scale.y = preview.scale.z = 0.15
@@ -251,18 +251,23 @@ def course_marker(course: Course, stamp: int) -> Marker:
 
 
 def wheel_poses(snapshot: Snapshot, vehicle: Vehicle) -> tuple[tuple[FloatArray, FloatArray], ...]:
-    """Return centre (m, map) and orientation (3 by 3, axle along y) of the rear and of the front wheel."""
+    """Return centre (m, map) and orientation (quaternion, axle along y) of the rear and of the front wheel."""
     state, look = snapshot.state, snapshot.look
-    lean = _rotation(2, state[st.YAW]) @ _rotation(0, state[st.ROLL])
-    rear = np.array([state[st.X], state[st.Y], 0.0]) + lean @ np.array([0.0, 0.0, vehicle.rR])
-    frame = lean @ _rotation(1, base_motion(snapshot, vehicle).pitch)
-    tilt = _rotation(1, -vehicle.lam)
-    front = frame @ tilt @ _rotation(2, state[st.STEER]) @ tilt.T
+    lean, tilt = _lean(state), axis_angle(_Y, -vehicle.lam)
+    rear = np.array([state[st.X], state[st.Y], 0.0]) + rotate(lean, vehicle.rR * _Z)
+    frame = multiply(lean, axis_angle(_Y, base_motion(snapshot, vehicle).pitch))
+    steered = multiply(tilt, multiply(axis_angle(_Z, state[st.STEER]), conjugate(tilt)))
+    front = multiply(frame, steered)
     # From the contact point the centre lies upwards within the plane of the wheel.
-    axle = front[:, 1]
-    upwards = np.array([0.0, 0.0, 1.0]) - axle[2] * axle
+    axle = rotate(front, _Y)
+    upwards = _Z - axle[2] * axle
     centre = np.array([look[lk.FRONT_X], look[lk.FRONT_Y], 0.0]) + vehicle.rF * upwards / np.linalg.norm(upwards)
     return (rear, frame), (centre, front)
+
+
+def _lean(state: FloatArray) -> FloatArray:
+    """Return the orientation of base_link, a quaternion."""
+    return multiply(axis_angle(_Z, state[st.YAW]), axis_angle(_X, state[st.ROLL]))
 
 
 def _marker(number: int, kind: int, frame: str, stamp: int, colour: ColorRGBA) -> Marker:
@@ -280,9 +285,9 @@ def _transform(parent: str, child: str, stamp: int) -> TransformStamped:
     return message
 
 
-def _half_turn(angle: float) -> tuple[float, float]:
-    """Return sine and cosine of half an angle, the parts of a quaternion."""
-    return math.sin(0.5 * angle), math.cos(0.5 * angle)
+def _quaternion(turn: FloatArray) -> Quaternion:
+    x, y, z, w = turn.tolist()
+    return Quaternion(x=x, y=y, z=z, w=w)
 
 
 def _vector(x: Any, y: Any, z: Any) -> Vector3:
@@ -291,30 +296,3 @@ def _vector(x: Any, y: Any, z: Any) -> Vector3:
 
 def _point(x: Any, y: Any, z: Any) -> Point:
     return Point(x=float(x), y=float(y), z=float(z))
-
-
-def _rotation(axis: int, angle: float) -> FloatArray:
-    """Return the rotation by an angle about x (0), y (1) or z (2)."""
-    turn, j, k = np.eye(3), (axis + 1) % 3, (axis + 2) % 3
-    turn[j, j] = turn[k, k] = math.cos(angle)
-    turn[k, j] = math.sin(angle)
-    turn[j, k] = -turn[k, j]
-    return turn
-
-
-def _quaternion(r: FloatArray) -> Quaternion:
-    """Return a rotation as quaternion; the largest component is found first, so that nothing is divided by zero."""
-    squares = np.array([1.0 + r[0, 0] - r[1, 1] - r[2, 2], 1.0 - r[0, 0] + r[1, 1] - r[2, 2]])
-    squares = np.append(squares, [1.0 - r[0, 0] - r[1, 1] + r[2, 2], 1.0 + np.trace(r)])
-    largest = int(np.argmax(squares))
-    double = math.sqrt(squares[largest])
-    q = np.empty(4)
-    q[largest] = 0.5 * double
-    if largest == 3:
-        q[:3] = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / (2.0 * double)
-    else:
-        j, k = (largest + 1) % 3, (largest + 2) % 3
-        q[j] = (r[j, largest] + r[largest, j]) / (2.0 * double)
-        q[k] = (r[k, largest] + r[largest, k]) / (2.0 * double)
-        q[3] = (r[k, j] - r[j, k]) / (2.0 * double)
-    return Quaternion(x=float(q[0]), y=float(q[1]), z=float(q[2]), w=float(q[3]))

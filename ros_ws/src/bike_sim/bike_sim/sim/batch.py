@@ -182,11 +182,6 @@ class Batch:
         return tuple(plant.vehicle for plant in self._plants)
 
     @property
-    def signal_names(self) -> tuple[str, ...]:
-        """Names of the columns of `signals`."""
-        return self._plants[0].signal_names
-
-    @property
     def preview_x(self) -> FloatArray:
         """Distances of the preview points ahead, m, shape (n, points)."""
         return self.rows.preview[:, 0]
@@ -265,10 +260,6 @@ class Batch:
         for index in range(self.count):
             self.courses(index).add(name, track)
 
-    def share_courses(self, other: Batch) -> None:
-        """Take courses from where another batch of the same vehicles takes them."""
-        self._courses = other._courses
-
     def at_own_speed(self, index: int, request: ResetRequest) -> ResetRequest:
         """Return a request with the default start speed of a row's vehicle.
 
@@ -306,7 +297,7 @@ class Batch:
         ground = self._lay_ground(index, plant, begun)
         plant.reset(begun.state, ground)
         if plant is not self._plants[index] and not self._shared:
-            self._plants[index].close()
+            self._plants[index].engine.close()
         if plant is not self._plants[index]:
             self._describe(index, plant)
         self._plants[index], self._names[index] = plant, name
@@ -339,7 +330,7 @@ class Batch:
         most = 8 if begun.followed is None else acc.rows_for(len(begun.followed.track.marks), 1.0) + 1
         if most > rows.events.shape[1]:
             self.rows = rows = rows._replace(events=np.zeros((self.count, most, acc.ROW_SIZE)))
-        rows.moved[index], rows.moved_signals[index] = plant.state(), plant.signals()
+        rows.moved[index], rows.moved_signals[index] = plant.engine.state(), plant.engine.telemetry()
         rows.fall[index], rows.steps[index], rows.end[index] = plant.fall(), 0, 0
         rows.views[index], rows.event_count[index] = 0.0, 0
         call(observe_row, index, 0.0, rows, self._kept)
@@ -413,7 +404,7 @@ class Batch:
     def close(self) -> None:
         """Release the engines; a second call does nothing."""
         for plant in {id(plant): plant for plant in (*self._plants, *self._known.values())}.values():
-            plant.close()
+            plant.engine.close()
 
 
 def _name_of(vehicle: str | Vehicle) -> str:

@@ -187,11 +187,6 @@ class Disturbances:
         """Whether what the rider sees has errors."""
         return bool(self.noise or self.bias)
 
-    @property
-    def acts_on_rider(self) -> bool:
-        """Whether anything lies between the vehicle and its rider."""
-        return self.acts_on_sensors or bool(self.observation_delay_s or self.command_delay_s)
-
     def periods(self, delay: float, period: float) -> int:
         """Return a delay in control periods.
 

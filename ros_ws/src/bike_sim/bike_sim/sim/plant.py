@@ -18,7 +18,6 @@ from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import NO_CHANGES, Disturbances, RoadChanges
 from bike_sim.sim.events import ENDS
 from bike_sim.sim.request import Preview, Start, draw_start
-from bike_sim.sim.snapshot import NO_SIGNALS
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
@@ -93,28 +92,16 @@ class Plant:
 
         Args:
             state: minimal state.
-            ground: under the wheels; ideal rolling knows level ground only.
+            ground: under the wheels; ignored where a bicycle rolls on a level plane.
 
         Raises:
             ValueError: no such configuration exists.
         """
-        self.engine.reset(state)
+        self.engine.reset(state, ground)
 
     def advance(self, steering: float, throttle: float, steps: int, ground: Ground) -> None:
         """Integrate with both commands in [-1, 1] held; a bicycle has no drive and ignores the throttle."""
-        self.engine.advance(steering, throttle, steps)
-
-    def deflect(self, x: float, y: float, turn: float, share: float, dx: float, dy: float) -> None:
-        """Refuse; every wall ends a bicycle's ride."""
-        raise NotImplementedError("a bicycle that rolls without slip cannot be deflected")
-
-    def state(self) -> st.StateVector:
-        """Return the minimal state as a fresh vector."""
-        return self.engine.state()
-
-    def signals(self) -> FloatArray:
-        """Return the telemetry of the last integration step as a fresh vector, in the order of `signal_names`."""
-        return NO_SIGNALS
+        self.engine.advance(steering, throttle, steps, ground)
 
     def steer_torque(self, steering: float, state: st.StateVector, signals: FloatArray) -> float:
         """Return the torque on the fork, Nm, positive to the left: of the drive (Weyrer et al. 2026, Eq. 2)."""
@@ -124,10 +111,6 @@ class Plant:
     def fall(self) -> int:
         """Return how the vehicle has fallen, a code of `events.ENDS`."""
         return ENDS.index(self.engine.fall)
-
-    def close(self) -> None:
-        """Release the engine; a second call does nothing."""
-        self.engine.close()
 
 
 class DisturbedPlant(Plant):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Final
 
 import numpy as np
@@ -68,6 +68,13 @@ class Preview:
         if not 1 <= self.count <= 1000:
             raise ValueError(f"preview count must be 1 to 1000, got {self.count!r}")
 
+
+IN_MESSAGES: Final = (
+    *("seed", "course", "perturb", "line", "progress", "speed_share", "start_offset", "start_heading"),
+)
+"""Fields of a request that have the same name in its message."""
+_OWN: Final = -1.0
+"""Line and progress of a message that keep the simulator's own."""
 
 STATIONS: Final = 20
 """Points of each of the three lines of the course points."""
@@ -157,6 +164,37 @@ class ResetRequest:
         if self.initial_state is not None:
             card["initial_state"] = [float(value) for value in self.initial_state]
         return card
+
+    @classmethod
+    def from_message(cls, message: Any, own: ResetRequest | None = None) -> ResetRequest:
+        """Read the request in a message of ``bike_msgs``: a reset, or how an episode began.
+
+        Args:
+            message: its seed must have been drawn already if it was negative.
+            own: serves where the message leaves something open; None for the defaults.
+
+        Raises:
+            ValueError: naming the invalid value.
+        """
+        own = own or cls()
+        values = {name: type(getattr(own, name))(getattr(message, name)) for name in IN_MESSAGES}
+        values |= {name: getattr(own, name) for name in ("line", "progress") if values[name] == _OWN}
+        ranges = {spec.name: float(getattr(message, spec.name)) for spec in fields(PathRanges)}
+        speed = float(message.speed_min), float(message.speed_max)
+        preview = own.preview
+        if message.preview_count:
+            preview = Preview(
+                bool(message.preview_by_time), float(message.preview_interval), int(message.preview_count)
+            )
+        return cls(
+            **values | {"course": values["course"] or own.course},
+            speed_range=own.speed_range if speed == (0.0, 0.0) else speed,
+            initial_state=tuple(map(float, message.initial_state)) or None,
+            path_ranges=PathRanges(**ranges) if any(ranges.values()) else own.path_ranges,
+            path_length=float(message.path_length) or own.path_length,
+            preview=preview,
+            context=tuple(map(float, message.context)),
+        )
 
     @classmethod
     def from_card(cls, card: Mapping[str, Any]) -> ResetRequest:

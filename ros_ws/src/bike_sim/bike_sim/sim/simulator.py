@@ -84,10 +84,6 @@ class Simulator:
         """The preview of the present episode."""
         return self.plant.preview or self.request.preview
 
-    def share_courses(self, other: Simulator) -> None:
-        """Take courses from where another simulator of the same vehicle takes them."""
-        self.batch.share_courses(other.batch)
-
     def at_own_speed(self, request: ResetRequest) -> ResetRequest:
         """Return a request with the default start speed of this vehicle.
 

@@ -46,16 +46,16 @@ class EngineSlot:
         """Move the rows with commands in [-1, 1], shape (n, 2), held for a control period."""
         for row, plant in enumerate(self.plants):
             ride = rows.ride[row]
+            engine: Any = plant.engine  # of superbikes where a wall is scraped
             if rows.steps[row] < 0 or ride["stopped"]:
                 continue
             if ride["touched"]:
-                plant.deflect(*rows.state[row, [st.X, st.Y]].tolist(), *ride["scrape"].tolist())
+                engine.deflect(*rows.state[row, [st.X, st.Y]].tolist(), *ride["scrape"].tolist())
             ground = Ground(rows.ground[row : row + 1], array_at(int(rows.around[row]["bumps"]), 1, BUMP_SAMPLES))
             steering, throttle = commands[row].tolist()
             plant.advance(steering, throttle, self.config.substeps, ground)
-            state = plant.state()
-            rows.moved[row], rows.fall[row] = state, plant.fall()
-            rows.moved_signals[row, : len(plant.signal_names)] = plant.signals()
+            rows.moved[row], rows.fall[row] = engine.state(), plant.fall()
+            rows.moved_signals[row, : len(plant.signal_names)] = engine.telemetry()
 
     def state_dict(self) -> dict[str, Any] | None:
         """Return what :meth:`restore` needs beside the rows; None where rides cannot be continued."""

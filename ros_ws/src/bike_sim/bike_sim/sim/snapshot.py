@@ -44,11 +44,6 @@ class CircuitView:
         """Distance beyond the limits of the contact point that is less far out, m; negative on the track."""
         return float(self.limits[lk.OUTSIDE])
 
-    @property
-    def wrong_way(self) -> bool:
-        """Whether the heading is more than 90 deg from that of the centre line."""
-        return bool(self.limits[lk.WRONG_WAY])
-
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:

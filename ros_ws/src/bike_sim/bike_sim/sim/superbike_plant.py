@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from bike_sim.course.course import Course
 from bike_sim.course.projection import curvature_at, point_at
 from bike_sim.physics import state as st
-from bike_sim.physics.ground import Ground
 from bike_sim.physics.superbike import equilibrium
 from bike_sim.physics.superbike import forces as sf
 from bike_sim.physics.superbike.engine import SuperbikeEngine
@@ -78,22 +77,6 @@ class SuperbikePlant(Plant):
         if math.isnan(lean):
             raise ValueError(f"a start at {speed:.1f} m/s is too fast for the curve at {s:.0f} m of the followed line")
         return lean
-
-    def reset(self, state: st.StateVector, ground: Ground) -> None:
-        """Set a state, with the tyres carrying the standing machine."""
-        self.engine.reset(state, ground)
-
-    def advance(self, steering: float, throttle: float, steps: int, ground: Ground) -> None:
-        """Hold both commands."""
-        self.engine.advance(steering, throttle, steps, ground)
-
-    def deflect(self, x: float, y: float, turn: float, share: float, dx: float, dy: float) -> None:
-        """Turn the machine at a wall; see `Plant`."""
-        self.engine.deflect(x, y, turn, share, dx, dy)
-
-    def signals(self) -> FloatArray:
-        """Return the telemetry of the last integration step."""
-        return self.engine.telemetry()
 
     def steer_torque(self, steering: float, state: st.StateVector, signals: FloatArray) -> float:
         """Return the virtual rider's torque."""
