@@ -129,4 +129,4 @@ def test_a_ride_that_stops_before_the_finish_is_judged_whole(writer, open_ride_o
     ride = open_ride_of()
     ride.states = {name: column[:-5] for name, column in ride.states.items()}
     recorded = open_ride(writer.write(tmp_path / "ride.mcap", [ride])).rides[0]
-    assert recorded.evaluated is recorded.data
+    assert recorded.evaluated is recorded

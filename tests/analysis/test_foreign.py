@@ -114,7 +114,7 @@ def foreign(messages, tmp_path_factory: pytest.TempPathFactory):
 def test_odometry_and_imu_make_a_ride(foreign) -> None:
     recording = open_ride(foreign(ODOMETRY, IMU))
     (ride,) = recording.rides
-    states, time = ride.data.states, ride.data.time
+    states, time = ride.states, ride.time
     np.testing.assert_allclose(states.x, 20 * np.sin(0.25 * time), atol=1e-9)
     np.testing.assert_allclose(states.yaw, 0.25 * time, atol=1e-9)
     np.testing.assert_allclose(states.roll, -0.2, atol=1e-9)
@@ -133,7 +133,7 @@ def test_odometry_and_imu_make_a_ride(foreign) -> None:
 
 def test_satellite_and_imu_give_place_speed_and_lean(foreign) -> None:
     (ride,) = open_ride(foreign(FIX, IMU)).rides
-    states, time = ride.data.states, ride.data.time
+    states, time = ride.states, ride.time
     np.testing.assert_allclose(states.x, 20 * np.sin(0.25 * time), atol=1e-3)
     np.testing.assert_allclose(states.y, 20 - 20 * np.cos(0.25 * time), atol=1e-3)
     np.testing.assert_allclose(states.speed[1:-1], 5.0, rtol=2e-3)
@@ -146,7 +146,7 @@ def test_a_receiver_without_a_fix_has_no_place(foreign) -> None:
             message.status.status, message.latitude, message.longitude = -1, 0.0, 0.0
 
     (ride,) = open_ride(foreign(FIX, change=lose)).rides
-    states, time = ride.data.states, ride.data.time
+    states, time = ride.states, ride.time
     early = time < 2.0 - 1e-6
     assert np.isnan(states.x[early]).all()
     assert np.isnan(states.y[early]).all()
@@ -154,7 +154,7 @@ def test_a_receiver_without_a_fix_has_no_place(foreign) -> None:
     heading = states.yaw[~early][2:-1]
     np.testing.assert_allclose(np.diff(heading), 0.25 / RATE, rtol=0.05)
     (never,) = open_ride(foreign(FIX, change=lose, seconds=1.0)).rides
-    assert np.isnan(never.data.states.x).all()
+    assert np.isnan(never.states.x).all()
 
 
 @pytest.mark.parametrize("known_from", [np.inf, 3.0, 0.05])
@@ -167,8 +167,8 @@ def test_stamps_of_zero_are_no_times(foreign, known_from: float) -> None:
             message.header.stamp.sec = message.header.stamp.nanosec = 0
 
     (ride,) = open_ride(foreign(ODOMETRY, change=forget)).rides
-    np.testing.assert_allclose(ride.data.time, np.arange(200) / RATE, atol=1e-6)
-    assert ride.data.states.time_s[0] == pytest.approx(1.0 if known_from == np.inf else 1001.0)
+    np.testing.assert_allclose(ride.time, np.arange(200) / RATE, atol=1e-6)
+    assert ride.states.time_s[0] == pytest.approx(1.0 if known_from == np.inf else 1001.0)
     assert ride.figures.speed_mean_m_s == pytest.approx(5.0)
 
 
@@ -214,7 +214,7 @@ def test_fields_of_other_types_are_read_where_they_are_numbers(tmp_path: Path) -
         (3).to_bytes(4, "little") + b"hi\0\0" + (1).to_bytes(4, "little") + bytes(4) + np.ones(1).tobytes() + b"\3"
     )
     recording = open_ride(other_version(tmp_path / "v.mcap", fields, payload))
-    states = recording.rides[0].data.states
+    states = recording.rides[0].states
     assert (states.x[0], states.y[0], states.lateral_error[0]) == (1.5, -2.0, 3.0)
     assert np.isnan(states.roll).all()
     assert np.isnan(states.speed).all()
@@ -333,7 +333,7 @@ def test_what_cannot_be_worked_out_names_its_file_and_leaves_the_others(
             raise ValueError("array of sample points is empty")
         return ride_figures(ride)
 
-    monkeypatch.setattr("bike_analysis.figures.recorded.ride_figures", figures)
+    monkeypatch.setattr("bike_analysis.figures.metrics.ride_figures", figures)
     for paths, code in ((["bad.mcap"], 2), (["bad.mcap", "good.mcap"], 1)):
         numbers = itertools.count()
         assert main(["analyze", *(str(tmp_path / path) for path in paths), "--json"]) == code

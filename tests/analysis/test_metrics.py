@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from bike_analysis import find_rides, read_recording, ride_figures
 from bike_analysis.figures.metrics import Figures, latency_figures
 from bike_analysis.figures.numbers import command_ages, rate
+from bike_analysis.figures.rides import Ride
 from bike_analysis.read.messages import Latency
-from bike_analysis.read.rides import Ride
 
 
 @pytest.fixture

@@ -99,7 +99,7 @@ def test_places_off_the_track_are_marked_and_missing_places_are_not(writer: Any,
     ride.states["x"][7] = np.nan
     ride.course |= {side: np.full(len(ride.course["s"]), 0.25) for side in ("width_left", "width_right")}
     recording = open_ride(writer.write(tmp_path / "off.mcap", [ride]))
-    data = ride_view(recording.rides[0].data, "off", "off").data()
+    data = ride_view(recording.rides[0], "off", "off").data()
     json.dumps(data, allow_nan=False)
     marks = {mark["name"]: mark for mark in data["marks"]}
     assert len(marks["off the track"]["x"]) == len(marks["off the track"]["y"]) == 99

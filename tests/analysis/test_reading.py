@@ -351,7 +351,7 @@ def test_a_clock_that_goes_back_does_not_shorten_a_lap(writer, circle, tmp_path:
     assert len(found.laps) == 2
     assert found.figures.duration_s == pytest.approx(0.05 * 699)
     assert found.figures.command_delay_max_s == pytest.approx(0.0)
-    assert found.data.states.time_s[0] == pytest.approx(wrong[0])
+    assert found.states.time_s[0] == pytest.approx(wrong[0])
     (told,) = recording.warnings
     assert told.startswith("the stamps of ride 1 go back in time ")
     if fault == "set back":

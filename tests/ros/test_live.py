@@ -402,7 +402,7 @@ def test_a_lap_is_ridden_by_keys_and_lies_beside_another(browser: webdriver.Chro
     assert [ride.course.name for ride in recording.rides] == ["small circle"] * 2  # before and after the restart
     told = settings_words(*ride.settings)
     assert told == ["a command every 50 ms", "engine pybullet", "steps of 1 ms"]
-    assert recorded_settings(recording.data) == told
+    assert recorded_settings(recording) == told
     last = recording.rides[-1]
     assert len(last.laps) >= 2
     by_hand, by_computer = last.laps[0], last.laps[-1]

@@ -17,7 +17,7 @@ import pandas as pd
 
 from bike_analysis.figures.laps import (
     ON_THE_LINE,
-    CompleteLap,
+    Lap,
     farther_than_before,
     known_length,
     reset_time,
@@ -25,8 +25,8 @@ from bike_analysis.figures.laps import (
 )
 from bike_analysis.figures.metrics import motion_columns, station
 from bike_analysis.figures.numbers import best_sectors_together
+from bike_analysis.figures.rides import Ride
 from bike_analysis.read.messages import Flags, Floats
-from bike_analysis.read.rides import Ride
 
 STATIONS: Final = 2500
 """About so many stations are wanted along a course."""
@@ -50,17 +50,23 @@ class Run:
 
     Attributes:
         label: Name for people, unique within a comparison.
-        source: The recording's file name.
         ride: The ride.
         lap: The lap, or None for the whole ride.
-        policy: Who rode, from the recording's notes; empty where unknown.
     """
 
     label: str
-    source: str
     ride: Ride
-    lap: CompleteLap | None = None
-    policy: str = ""
+    lap: Lap | None = None
+
+    @property
+    def source(self) -> str:
+        """The recording's file name."""
+        return self.ride.recording.path.name
+
+    @property
+    def policy(self) -> str:
+        """Who rode, from the recording's notes; empty where unknown."""
+        return self.ride.recording.policy
 
     @property
     def begin_s(self) -> float:

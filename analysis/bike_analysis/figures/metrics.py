@@ -20,12 +20,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bike_analysis.figures.laps import (
-    CompleteLap,
+    Lap,
     beyond_limits,
     counted_laps,
     course_length,
-    evaluated_ride,
-    find_laps,
     lap_of_states,
     time_outside,
 )
@@ -38,8 +36,8 @@ from bike_analysis.figures.numbers import (
     telemetry_columns,
     tyre_figures,
 )
+from bike_analysis.figures.rides import Ride
 from bike_analysis.read.messages import STATE_QUANTITIES, Floats, Latency, Table
-from bike_analysis.read.rides import Ride
 from bike_sim.schema import SUSPENSION
 
 _CONSTANT: Final = ("control_period", "steering_limit", "course_length", "course_closed", "front_progress")
@@ -47,22 +45,14 @@ STATE_COLUMNS: Final = {q.column: q.name for q in STATE_QUANTITIES if q.name not
 """Columns that are fields of the recorded state, by name of the column."""
 
 
-def ride_table(ride: Ride, laps: tuple[CompleteLap, ...] | None = None) -> pd.DataFrame:
-    """Make the table of a ride.
-
-    Args:
-        ride: A ride.
-        laps: Its laps, where they are known already.
-
-    Returns:
-        One row per state; see `docs/reference/analysis.md` for each column.
-    """
+def ride_table(ride: Ride) -> pd.DataFrame:
+    """Make the table of a ride: one row per state; see `docs/reference/analysis.md` for each column."""
     states = ride.states
     columns: dict[str, Any] = {
         "time_s": ride.time,
         "stamp_s": states.time_s,
         "step": states.step,
-        "lap": lap_of_states(ride, find_laps(ride) if laps is None else laps),
+        "lap": lap_of_states(ride, ride.laps),
         "station_m": station(ride),
     }
     steps, seconds = command_ages(ride)
@@ -143,10 +133,10 @@ def ride_figures(ride: Ride) -> Figures:
     Returns:
         Its figures.
     """
-    whole, ride = ride, evaluated_ride(ride)
+    whole, ride = ride, ride.evaluated
     states = ride.states
     error = np.abs(states.lateral_error)
-    laps = find_laps(ride)
+    laps = ride.laps
     outside = beyond_limits(states, ride.course)
     median, p99 = latency_figures(ride.latencies)
     (ages, seconds), answered = command_ages(whole), np.unique(whole.commands.step)
@@ -225,7 +215,7 @@ def ideal_figures(ride: Ride, rows: slice) -> dict[str, Any]:
     return {"ideal_distance_mean_m": mean, "ideal_distance_max_m": over(np.max, distance)}
 
 
-def lap_figures(ride: Ride, lap: CompleteLap, outside: Floats) -> Figures:
+def lap_figures(ride: Ride, lap: Lap, outside: Floats) -> Figures:
     """Compute the figures of a lap.
 
     Args:

@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_analysis.figures.rides import Ride
 from bike_analysis.read.messages import Floats
-from bike_analysis.read.rides import Ride
 from bike_sim.schema import TELEMETRY
 
 

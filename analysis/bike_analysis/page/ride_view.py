@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from bike_analysis.figures.circuit import Circuit, Machine, accelerations, course_corners
+from bike_analysis.figures.circuit import Machine, Theory, accelerations, course_corners
 from bike_analysis.figures.compare import Comparison, counted_runs
 from bike_analysis.figures.laps import beyond_limits, has_limits, lap_range
 from bike_analysis.figures.numbers import (
@@ -24,6 +24,7 @@ from bike_analysis.figures.numbers import (
     telemetry_columns,
     time_shares,
 )
+from bike_analysis.figures.rides import Ride
 from bike_analysis.page.view import (
     CHANNELS,
     FAST_CHANNELS,
@@ -38,7 +39,6 @@ from bike_analysis.page.view import (
     series_colour,
 )
 from bike_analysis.read.messages import Floats, RecordedCourse
-from bike_analysis.read.rides import Ride
 from bike_sim.course.track import Corner
 from bike_sim.schema import BIKE_STATE, GRAVITY, SUSPENSION, TELEMETRY
 
@@ -111,13 +111,13 @@ def ride_view(ride: Ride, key: str, title: str) -> View:
     )
 
 
-def comparison_view(comparison: Comparison, key: str, circuit: Circuit | None = None) -> View:
+def comparison_view(comparison: Comparison, key: str, theory: Theory | None = None) -> View:
     """Return the view of a comparison: traces over distance, variance, and a ghost for each other run.
 
     Args:
         comparison: The runs, aligned. Out-laps are not drawn where there are others.
         key: Unique name on the page.
-        circuit: With the theoretical lap; None without one.
+        theory: The theoretical lap; None without one.
 
     Returns:
         Its view. The reference comes first and carries the cursor.
@@ -126,16 +126,16 @@ def comparison_view(comparison: Comparison, key: str, circuit: Circuit | None = 
     order = sorted(drawn, key=lambda i: (i != comparison.reference, not runs[i].complete, runs[i].duration_s))
     reference = runs[comparison.reference]
     ride, fast = reference.ride, is_fast(reference.ride)
-    machine = circuit.theory.machine if circuit is not None else None
+    machine = theory.machine if theory is not None else None
     columns = [run_columns(comparison, i, fast, machine) for i in order]
     names = comparison.short_labels
     series = [
         Series(names[i], c, series_colour(n), kind=runs[i].kind)
         for n, (i, c) in enumerate(zip(order, columns, strict=True))
     ]
-    if circuit is not None:
-        series.append(Series("theoretical", theory_columns(comparison, circuit), "muted", theory=True))
-    corners = course_corners(ride.course, circuit.track if circuit is not None else None)
+    if theory is not None:
+        series.append(Series("theoretical", theory_columns(comparison, theory), "muted", theory=True))
+    corners = course_corners(ride.course, theory.track if theory is not None else None)
     sections = course_sections(ride, columns[0]["distance"], reference.begin_m)
     off = off_track(ride, beyond_limits(ride.states, ride.course))
     bands = aid_bands(ride, reference.rows)
@@ -150,7 +150,7 @@ def comparison_view(comparison: Comparison, key: str, circuit: Circuit | None = 
         () if off is None else (off,),
         corner_labels(ride.course, corners) or section_labels(ride.course),
         corner_sections(corners, columns[0]["distance"]) or sections,
-        coloured if circuit is not None else (),
+        coloured if theory is not None else (),
         "The full dot is the reference, rings are the ghosts of the others at the same time since the beginning. "
         "Buttons above show and hide them." + (" Wider below the path: where an aid acts." if bands else ""),
         FAST_CHANNELS if fast else {},
@@ -165,7 +165,7 @@ def comparison_view(comparison: Comparison, key: str, circuit: Circuit | None = 
             for row in rows
             if runs[i].rows.start <= row < runs[i].rows.stop
         ),
-        len(series) - 1 if circuit is not None else 0,
+        len(series) - 1 if theory is not None else 0,
     )
 
 
@@ -271,9 +271,9 @@ def run_columns(comparison: Comparison, index: int, fast: bool, machine: Machine
     return kept | {"distance": comparison.scales[index] * columns["distance"]}
 
 
-def theory_columns(comparison: Comparison, circuit: Circuit) -> dict[str, Floats]:
+def theory_columns(comparison: Comparison, theory: Theory) -> dict[str, Floats]:
     """Columns of the theoretical lap, over arc length as that of the reference; lateral positive to the right, in g."""
-    theory, course = circuit.theory, comparison.runs[comparison.reference].ride.course
+    course = comparison.runs[comparison.reference].ride.course
     step, speed = np.diff(theory.s), theory.speed
     time = np.concatenate([[0.0], np.cumsum(2.0 * step / (speed[:-1] + speed[1:]))])
     return {

@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,9 @@ from bike_analysis.read.messages import (
     suspension_of,
 )
 from bike_sim.schema import SIGNALS
+
+if TYPE_CHECKING:
+    from bike_analysis.figures.rides import Ride
 
 LARGEST_DEFINITION: Final = 256 * 1024
 """Longer definitions of a type are not parsed, bytes. That of our states has six thousand."""
@@ -133,7 +136,7 @@ _T = TypeVar("_T")
 _NOTES: Final = "ride_notes"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recording:
     """All that was read.
 
@@ -155,6 +158,7 @@ class Recording:
         topics: Number of messages read by topic.
         simulations: Engines and steps by which motion was computed, each once; none without beginnings.
         dropped_messages: Messages that the recorder had to give up, as it reported them; None without a report.
+        rides: Its rides, in order, at least one; `bike_analysis.open_ride` finds them.
     """
 
     path: Path
@@ -173,6 +177,15 @@ class Recording:
     topics: dict[str, int] = field(default_factory=dict)
     simulations: tuple[Simulation, ...] = ()
     dropped_messages: int | None = None
+    rides: tuple[Ride, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<Recording {self.path.name}: {len(self.rides)} rides, {len(self.states)} states>"
+
+    @property
+    def policy(self) -> str:
+        """Rider, from the recorder's note ``policy``; empty where unknown."""
+        return self.notes.get("policy", "")
 
 
 def read_recording(path: str | os.PathLike[str], namespace: str | None = None) -> Recording:

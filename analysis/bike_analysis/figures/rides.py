@@ -1,25 +1,33 @@
-"""Rides found in a recording: one a reset, each with its own commands, course, events and latencies."""
+"""Rides of a recording: one a reset, each with its commands, course, events and latencies, its laps and figures."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from bike_analysis.read.messages import Floats, Integers, Latency, RecordedCourse, RecordedEvent, Table
 from bike_analysis.read.reading import Recording, ride_bounds
 
+if TYPE_CHECKING:  # these modules take rides
+    from bike_analysis.figures.laps import Lap
+    from bike_analysis.figures.metrics import Figures
+
 _NEVER: Final = int(np.iinfo(np.int64).max)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Ride:
-    """One ride, from a reset to the next or to the recording's end.
+    """One ride, from a reset to the next or to the recording's end. Laps and figures are computed when first needed.
 
     Attributes:
+        recording: The recording that it is in.
+        label: Name for people: the file's, and the ride's number where the file has several.
         index: Number in the recording, from 1.
         episode: The simulator's number of the episode; it begins again at 1 when the simulator is restarted.
         states: States, each step once, never empty.
@@ -31,6 +39,8 @@ class Ride:
         telemetry: What tyres and engine did in this ride, or None where it was not recorded.
     """
 
+    recording: Recording
+    label: str
     index: int
     episode: int
     states: Table
@@ -40,6 +50,43 @@ class Ride:
     events: tuple[RecordedEvent, ...]
     latencies: tuple[Latency, ...]
     telemetry: Table | None = None
+
+    def __repr__(self) -> str:
+        return f"<Ride {self.label}: {len(self.states)} states, {len(self.laps)} laps>"
+
+    @cached_property
+    def evaluated(self) -> Ride:
+        """The ride up to the finish of an open course: what figures, pages and comparisons are about."""
+        from bike_analysis.figures.laps import evaluated_ride
+
+        return evaluated_ride(self)
+
+    @cached_property
+    def figures(self) -> Figures:
+        """Figures of the whole ride and of its laps."""
+        from bike_analysis.figures.metrics import ride_figures
+
+        return ride_figures(self)
+
+    @cached_property
+    def laps(self) -> tuple[Lap, ...]:
+        """Complete laps on a closed course, in order."""
+        from bike_analysis.figures.laps import find_laps
+
+        return find_laps(self)
+
+    @property
+    def best_lap(self) -> Lap | None:
+        """The fastest complete lap, out-laps not counted where there are others; None without one."""
+        from bike_analysis.figures.laps import counted_laps
+
+        return min(counted_laps(self.laps), key=lambda lap: lap.duration_s, default=None)
+
+    def table(self) -> pd.DataFrame:
+        """The ride as a table, one row per recorded state, with columns as `bike_analysis.figures.metrics` says."""
+        from bike_analysis.figures.metrics import ride_table
+
+        return ride_table(self)
 
     @property
     def distance(self) -> Floats:
@@ -115,14 +162,15 @@ def find_rides(recording: Recording) -> tuple[Ride, ...]:
     Returns:
         The rides, in order; at least one.
     """
-    states = recording.states
-    rides = []
-    for index, (first, last) in enumerate(pairwise(ride_bounds(states.episode, states.step)), start=1):
+    states, name = recording.states, recording.path.stem
+    bounds, rides = ride_bounds(states.episode, states.step), []
+    for index, (first, last) in enumerate(pairwise(bounds), start=1):
         whole = states.take(slice(first, last))
         fresh = np.append(True, np.diff(whole.step) > 0)
         window = _window(states, first, last)
         once = whole if fresh.all() else whole.take(fresh)
-        rides.append(_ride(recording, index, once, int((~fresh).sum()), window))
+        label = name if len(bounds) == 2 else f"{name}, ride {index}"
+        rides.append(_ride(recording, label, index, once, int((~fresh).sum()), window))
     return tuple(rides)
 
 
@@ -158,12 +206,14 @@ def _window(states: Table, first: int, last: int) -> _Window:
     return _Window(**window)
 
 
-def _ride(recording: Recording, index: int, states: Table, repeated: int, window: _Window) -> Ride:
+def _ride(recording: Recording, label: str, index: int, states: Table, repeated: int, window: _Window) -> Ride:
     episode = int(states.episode[0])
     commands, telemetry = recording.commands, recording.telemetry
     courses = [c for c in recording.courses if c.episode == episode and window.holds(c.order)]
     first, last = states.order[0], states.order[-1]
     return Ride(
+        recording=recording,
+        label=label,
         index=index,
         episode=episode,
         states=states,
