@@ -32,9 +32,8 @@ from bike_analysis.page.ride_page import render_page, write_page
 from bike_analysis.page.ride_view import panels_for, ride_view
 from bike_analysis.page.view import (
     FAST_CHANNELS,
+    PANELS,
     MapLine,
-    Panel,
-    PanelLine,
     Series,
     View,
     growing,
@@ -789,8 +788,7 @@ def test_differences_are_to_the_reference_that_is_chosen(opened: Opener, tmp_pat
         Series(name, {"distance": way, "time": way / v, "speed": np.full(2001, v), "x": way, "y": 0.0 * way})
         for name, v in (("slow", 20.0), ("middle", 25.0), ("fast", 40.0))
     )
-    lines = {name: (PanelLine(name, name, "blue"),) for name in ("delta", "speed_delta")}
-    panels = tuple(Panel(name, name, line, bands=("aid",)) for name, line in lines.items())
+    panels = tuple(PANELS[name] | {"bands": ("aid",)} for name in ("delta", "speed_delta"))
     bins = {"edges": (0.0, 30.0, 60.0), "shares": {"slow": (60.0, 40.0), "fast": (0.0, 100.0)}}
     view = View(
         *("laps", "laps", series, panels),

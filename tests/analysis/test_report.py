@@ -159,7 +159,7 @@ def test_circuits_have_their_turns_and_laps_their_kind(writer, circle, tmp_path:
     np.testing.assert_allclose([c.apex for c in found], [c.apex for c in corners], atol=1.0)
     assert [run.kind for run in both.runs[:2]] == ["rolling start", "flying"]
     assert {series.kind for series in view.series} == {"flying"}
-    assert [panel.key for panel in view.panels[:3]] == ["speed", "delta", "speed_delta"]
+    assert [panel["key"] for panel in view.panels[:3]] == ["speed", "delta", "speed_delta"]
 
 
 def test_very_short_rides_are_drawn(writer, circle, tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from html import escape
 from typing import Final
 
@@ -22,12 +22,12 @@ from bike_analysis.page.view import FAST_CHANNELS, PANELS, MapLine, Series, View
 from bike_analysis.read.container import MAX_SENTENCE
 from bike_sim.course.course import Course
 
-_LEAN: Final = replace(
-    PANELS["lean"], lines=PANELS["lean"].lines[1:], caption="Lean is positive to the right, steer to the left."
-)
-_COMMAND: Final = replace(
-    PANELS["command"], lines=PANELS["command"].lines[1:], caption="In [−1, 1], positive to the left.", ends=(-1.0, 1.0)
-)
+_LEAN: Final = {"lines": PANELS["lean"]["lines"][1:], "caption": "Lean is positive to the right, steer to the left."}
+_COMMAND: Final = {
+    "lines": PANELS["command"]["lines"][1:],
+    "caption": "In [−1, 1], positive to the left.",
+    "ends": (-1.0, 1.0),
+}
 _MOVING: Final = ("time", "distance", "yaw", "roll", "steer", "speed", "error", "command")
 _DRIVEN: Final = ("throttle", "brake", "rear_slip", "front_slip", "rear_load", "front_load")
 """Columns of a vehicle with throttle and brake."""
@@ -88,10 +88,10 @@ def live_view(course: Course, machine: str, powered: bool, ghost: Ghost | None =
         "y": np.full(2, course.y[0]),
         **({name: still for name in _DRIVEN} if powered else {}),
     }
-    speed = replace(PANELS["speed"], zero=True, least=10.0) if powered else PANELS["speed"]
+    speed = PANELS["speed"] | ({"zero": True, "least": 10.0} if powered else {})
     keys = ("throttle", "brake", "slip", "load") if powered else ()
-    driven = (replace(PANELS[key], folded=False) for key in keys)
-    panels = (speed, _LEAN, *driven, _COMMAND, PANELS["error"])
+    driven = (PANELS[key] | {"folded": False} for key in keys)
+    panels = (speed, PANELS["lean"] | _LEAN, *driven, PANELS["command"] | _COMMAND, PANELS["error"])
     line, widths = (course.x, course.y, course.heading), (course.width_left, course.width_right)
     lines = [MapLine("desired path", "reference", *closed(course.closed, course.x, course.y))]
     if widths[0] is not None and widths[1] is not None:

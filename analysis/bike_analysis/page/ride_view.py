@@ -6,7 +6,6 @@ Signs are those of the recording: roll positive leaning right, steer and lateral
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Final
 
@@ -31,7 +30,6 @@ from bike_analysis.page.view import (
     PANELS,
     Drawn,
     MapLine,
-    Panel,
     Series,
     View,
     factor,
@@ -169,7 +167,7 @@ def comparison_view(comparison: Comparison, key: str, theory: Theory | None = No
     )
 
 
-def panels_for(columns: Mapping[str, Floats], fast: bool, compared: bool = False) -> tuple[Panel, ...]:
+def panels_for(columns: Mapping[str, Floats], fast: bool, compared: bool = False) -> tuple[Drawn, ...]:
     """The panels of which there is something to draw.
 
     Args:
@@ -177,25 +175,24 @@ def panels_for(columns: Mapping[str, Floats], fast: bool, compared: bool = False
         fast: Whether it is a motorcycle's.
         compared: Whether other series are beside it: speed and differences come first, and areas are lines.
     """
-    order = [panel for panel in PANELS.values() if fast or panel.key not in _OF_MOTORCYCLES]
+    order = [panel for key, panel in PANELS.items() if fast or key not in _OF_MOTORCYCLES]
     if compared:
-        lean = replace(PANELS["lean"], title="Lean", caption="Positive leaning right.", lines=PANELS["lean"].lines[-1:])
-        first = [PANELS["speed"], PANELS["delta"], PANELS["speed_delta"], lean]
-        rest = [
-            panel for panel in order if panel.key not in ("error", "command", "age", "lean", *(p.key for p in first))
-        ]
-        order = [
-            replace(panel, lines=tuple(replace(line, fill="") for line in panel.lines))
-            for panel in (*first, *rest, PANELS["error"])
-        ]
+        lean = {"title": "Lean", "caption": "Positive leaning right.", "lines": PANELS["lean"]["lines"][-1:]}
+        first = [PANELS["speed"], PANELS["delta"], PANELS["speed_delta"], PANELS["lean"] | lean]
+        others = ("error", "command", "age", *(panel["key"] for panel in first))
+        order = [*first, *(panel for panel in order if panel["key"] not in others), PANELS["error"]]
     else:
         order = order[2:]  # without differences
     kept = []
     for panel in order:
-        lines = tuple(line for line in panel.lines if line.column in columns or panel.key in ("delta", "speed_delta"))
+        lines = [
+            line | ({"fill": ""} if compared else {})
+            for line in panel["lines"]
+            if line["column"] in columns or panel["key"] in ("delta", "speed_delta")
+        ]
         if lines:
-            speeds = fast and lines[0].column in FAST_CHANNELS
-            kept.append(replace(panel, lines=lines, least=5.0 * panel.least if speeds else panel.least))
+            speeds = fast and lines[0]["column"] in FAST_CHANNELS
+            kept.append(panel | {"lines": lines, "least": 5.0 * panel["least"] if speeds else panel["least"]})
     return tuple(kept)
 
 

@@ -6,14 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bike_sim.course.elements import Element, sample_elements
 from bike_sim.course.projection import SampledLine
-from bike_sim.course.spline import SmoothLine
 
 FloatArray = NDArray[np.float64]
 
@@ -191,17 +189,6 @@ class Course:
         return same_lap if abs(same_lap - asked) < SAME_LAP else s
 
     @classmethod
-    def from_line(cls, name: str, line: SmoothLine, **others: Any) -> Course:
-        """Build a course from a spline.
-
-        Args:
-            name: name of the course.
-            line: its samples.
-            others: attributes of the course that are no columns of the line; the usual ones where left out.
-        """
-        return cls(name, line.s, line.x, line.y, line.heading, line.curvature, **others)
-
-    @classmethod
     def from_elements(
         cls,
         name: str,
@@ -227,7 +214,7 @@ class Course:
         Raises:
             ValueError: no element, or the number of names does not fit.
         """
-        s, x, y, heading, curvature, begins = sample_elements(elements, spacing, start)
+        *samples, begins = sample_elements(elements, spacing, start)
         sections: list[tuple[str, float]] = []
         if section_names is not None:
             if len(section_names) != len(elements):
@@ -235,4 +222,4 @@ class Course:
             for section, begin in zip(section_names, begins, strict=True):
                 if not sections or sections[-1][0] != section:
                     sections.append((section, float(begin)))
-        return cls(name, s, x, y, heading, curvature, closed, off_course_limit, sections=tuple(sections))
+        return cls(name, *samples, closed, off_course_limit, sections=tuple(sections))

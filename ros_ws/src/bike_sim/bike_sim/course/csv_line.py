@@ -49,9 +49,6 @@ LARGEST_GAP = 250.0
 LEAST_STEPS = 8
 """Of fewer steps the median says nothing."""
 
-ZIG_ZAG, ZIG_ZAG_TURN = 4, math.radians(30.0)
-"""So many turns one after the other, each to the other side and by so much (rad), are no road."""
-
 
 class CourseFileError(DocumentError):
     """A course file is broken. The message says the row or element, and the fault."""
@@ -104,8 +101,7 @@ def parse_csv(text: str, closed: bool | None = None) -> CentreLine:
     if closed:
         rows, lines = np.vstack([rows, rows[:1]]), [*lines, lines[0]]
     points = rows[:, :2]
-    _check_repeated(points, lines, with_widths)
-    _check_order(points, lines, closed, with_widths)
+    _check_order(points, lines, closed)
     _check_gaps(points, lines, closed, with_widths)
     left, right = (rows[:, 3], rows[:, 2]) if with_widths else (None, None)
     return CentreLine(points, closed, left, right, tuple(lines))
@@ -218,51 +214,18 @@ def _turns(steps: FloatArray, following: FloatArray) -> FloatArray:
     return np.asarray(np.arctan2(cross, np.sum(steps * following, axis=1)))
 
 
-def _check_repeated(points: FloatArray, lines: list[int], measured: bool) -> None:
-    """Refuse neighbours that are the same point and, on a measured line, a repeated part."""
-    steps = np.hypot(*np.diff(points, axis=0).T)
-    for i in np.flatnonzero(steps < SAME_POINT)[:1]:
-        raise CourseFileError(f"rows {lines[i]} and {lines[i + 1]} are the same point ({points[i, 0]}, {points[i, 1]})")
-    if not measured:
-        return
-    # The row before each that holds the same point. One point may be met twice, at a crossing, but not two in a row.
-    _, same = np.unique(points[:-1], axis=0, return_inverse=True)
-    order = np.argsort(same.ravel(), kind="stable")
-    earlier = np.full(len(same), -2)
-    earlier[order[1:]] = np.where(np.diff(same.ravel()[order]) == 0, order[:-1], -2)
-    repeats = np.flatnonzero((earlier[1:] == earlier[:-1] + 1) & (earlier[1:] > 0))
-    # A complete second lap is refused later, as overlapping roads.
-    if len(repeats) and 2 * len(repeats) < len(points) - 4:
-        first = int(repeats[0])
-        last = first + 1
-        while last + 1 < len(earlier) and earlier[last + 1] == earlier[last] + 1:
-            last += 1
-        raise CourseFileError(
-            f"rows {lines[first]} to {lines[last]} repeat rows {lines[earlier[first]]} to {lines[earlier[last]]}; is a "
-            "part of the file there twice?"
-        )
-
-
-def _check_order(points: FloatArray, lines: list[int], closed: bool, measured: bool) -> None:
-    """Refuse lines that turn back and, where they are measured, that zig-zag."""
+def _check_order(points: FloatArray, lines: list[int], closed: bool) -> None:
+    """Refuse neighbours that are the same point, and lines that turn back, as where a part is there twice."""
     steps = np.diff(points, axis=0)
+    for i in np.flatnonzero(np.hypot(*steps.T) < SAME_POINT)[:1]:
+        raise CourseFileError(f"rows {lines[i]} and {lines[i + 1]} are the same point ({points[i, 0]}, {points[i, 1]})")
     turns = _turns(steps, np.roll(steps, -1, axis=0))
     if not closed:
         turns[-1] = 0.0
     for i in np.flatnonzero(np.abs(turns) > REVERSAL)[:1]:
         raise CourseFileError(
             f"row {lines[i + 1]}: the line turns back by {math.degrees(abs(turns[i])):.0f} deg here; are the rows in "
-            "order?"
-        )
-    if not measured:
-        return
-    sharp = np.abs(turns) > ZIG_ZAG_TURN
-    other_side = sharp[1:] & sharp[:-1] & (turns[1:] * turns[:-1] < 0.0)
-    runs = np.convolve(other_side, np.ones(ZIG_ZAG - 1, dtype=np.int64), mode="valid")
-    for i in np.flatnonzero(runs == ZIG_ZAG - 1)[:1]:
-        raise CourseFileError(
-            f"rows {lines[i]} to {lines[min(i + ZIG_ZAG + 1, len(lines) - 1)]} zig-zag by "
-            f"{math.degrees(np.abs(turns[i : i + ZIG_ZAG]).min()):.0f} deg and more at each point; are they in order?"
+            "order, and none there twice?"
         )
 
 
