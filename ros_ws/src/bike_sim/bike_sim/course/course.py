@@ -214,7 +214,7 @@ class Course:
         Raises:
             ValueError: no element, or the number of names does not fit.
         """
-        *samples, begins = sample_elements(elements, spacing, start)
+        s, x, y, heading, curvature, begins = sample_elements(elements, spacing, start)
         sections: list[tuple[str, float]] = []
         if section_names is not None:
             if len(section_names) != len(elements):
@@ -222,4 +222,4 @@ class Course:
             for section, begin in zip(section_names, begins, strict=True):
                 if not sections or sections[-1][0] != section:
                     sections.append((section, float(begin)))
-        return cls(name, *samples, closed, off_course_limit, sections=tuple(sections))
+        return cls(name, s, x, y, heading, curvature, closed, off_course_limit, sections=tuple(sections))

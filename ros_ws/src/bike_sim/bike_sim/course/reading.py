@@ -218,8 +218,8 @@ def path_from_points(name: str, line: CentreLine, off_course_limit: float = OFF_
     chord = _chord_of(line)
     samples, before = smooth_line(line.points, line.closed, SAMPLE_SPACING)
     # Between points the widths are linear: a spline could overshoot to a width below zero.
-    widths = [None if w is None else np.interp(before, chord, w) for w in (line.width_left, line.width_right)]
-    return Course(name, *samples, line.closed, off_course_limit, *widths)
+    left, right = (None if w is None else np.interp(before, chord, w) for w in (line.width_left, line.width_right))
+    return Course(name, *samples, line.closed, off_course_limit, left, right)
 
 
 def _chord_of(line: CentreLine) -> FloatArray:

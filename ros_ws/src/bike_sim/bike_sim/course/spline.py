@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+Samples = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+"""Arc length, x, y, heading and curvature of a line, as `Course` has them."""
 
 _GAUSS_NODES, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(5)
 
@@ -15,7 +17,7 @@ def chord_lengths(points: FloatArray) -> FloatArray:
     return np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
 
 
-def smooth_line(points: FloatArray, closed: bool, spacing: float) -> tuple[tuple[FloatArray, ...], FloatArray]:
+def smooth_line(points: FloatArray, closed: bool, spacing: float) -> tuple[Samples, FloatArray]:
     """Lay an interpolating cubic spline through points and sample it uniformly in arc length.
 
     The spline's parameter is the chord length. A closed line is periodic, with curvature continuous over the joint; an
