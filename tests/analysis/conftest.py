@@ -66,9 +66,9 @@ class Messages:
             return self.make(detail)
         if kind.name == "BASE":
             return {"string": "", "bool": False}.get(detail[0], 0)
-        inner = detail[0]
-        numeric = inner[0].name == "BASE" and inner[1][0] != "string"
-        return np.empty(0, dtype=inner[1][0]) if numeric else []
+        (inner, of), count = detail
+        numeric = inner.name == "BASE" and of[0] != "string"
+        return np.zeros(count if kind.name == "ARRAY" else 0, dtype=of[0]) if numeric else []
 
     def header(self, time_s: float) -> Any:
         nanoseconds = round(time_s * 1e9)

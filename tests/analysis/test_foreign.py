@@ -35,56 +35,32 @@ def foreign(messages, tmp_path_factory: pytest.TempPathFactory):
     for name in (ODOMETRY, IMU, FIX):
         messages.learn(name)
 
-    def quaternion(roll: float, yaw: float) -> Any:
-        make = messages.make
-        parts = {
-            "x": np.cos(yaw / 2) * np.sin(roll / 2),
-            "y": np.sin(yaw / 2) * np.sin(roll / 2),
-            "z": np.sin(yaw / 2) * np.cos(roll / 2),
-            "w": np.cos(yaw / 2) * np.cos(roll / 2),
-        }
-        return make("geometry_msgs/msg/Quaternion", **parts)
+    def put(message: Any, **values: float) -> None:
+        for name, value in values.items():
+            setattr(message, name, value)
 
-    def vector(**values: float) -> Any:
-        return messages.make("geometry_msgs/msg/Vector3", **values)
+    def turn(orientation: Any, roll: float, yaw: float) -> None:
+        (a, b), (c, d) = ((np.cos(angle / 2), np.sin(angle / 2)) for angle in (roll, yaw))
+        put(orientation, x=c * b, y=d * b, z=d * a, w=c * a)
 
     def odometry(time: float) -> Any:
-        make, angle = messages.make, 5.0 * time / 20.0
-        place = make("geometry_msgs/msg/Point", x=20 * np.sin(angle), y=20 - 20 * np.cos(angle))
-        pose = make("geometry_msgs/msg/Pose", position=place, orientation=quaternion(-0.2, angle))
-        twist = make("geometry_msgs/msg/Twist", linear=vector(x=5.0), angular=vector(z=0.25))
-        none = np.zeros(36)
-        return make(
-            ODOMETRY,
-            header=messages.header(time + 1.0),
-            pose=make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=none),
-            twist=make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=none),
-        )
+        message, angle = messages.make(ODOMETRY, header=messages.header(time + 1.0)), 0.25 * time
+        put(message.pose.pose.position, x=20 * np.sin(angle), y=20 - 20 * np.cos(angle))
+        turn(message.pose.pose.orientation, -0.2, angle)
+        message.twist.twist.linear.x, message.twist.twist.angular.z = 5.0, 0.25
+        return message
 
     def imu(time: float) -> Any:
-        none = {f"{n}_covariance": np.zeros(9) for n in ("orientation", "angular_velocity", "linear_acceleration")}
-        return messages.make(
-            IMU,
-            header=messages.header(time + 1.0),
-            orientation=quaternion(-0.2, 0.25 * time),
-            angular_velocity=vector(x=0.05 * np.cos(time), z=0.25),
-            **none,
-        )
+        message = messages.make(IMU, header=messages.header(time + 1.0))
+        turn(message.orientation, -0.2, 0.25 * time)
+        put(message.angular_velocity, x=0.05 * np.cos(time), z=0.25)
+        return message
 
     def fix(time: float) -> Any:
-        angle = 5.0 * time / 20.0
-        east, north = 20 * np.sin(angle), 20 - 20 * np.cos(angle)
-        latitude = 47.0 + np.degrees(north / EARTH_RADIUS)
-        longitude = 11.0 + np.degrees(east / EARTH_RADIUS / np.cos(np.radians(47.0)))
-        status = messages.make("sensor_msgs/msg/NavSatStatus")
-        return messages.make(
-            FIX,
-            header=messages.header(time + 1.0),
-            status=status,
-            latitude=latitude,
-            longitude=longitude,
-            position_covariance=np.zeros(9),
-        )
+        message, angle = messages.make(FIX, header=messages.header(time + 1.0)), 0.25 * time
+        message.latitude = 47.0 + np.degrees((20 - 20 * np.cos(angle)) / EARTH_RADIUS)
+        message.longitude = 11.0 + np.degrees(20 * np.sin(angle) / EARTH_RADIUS / np.cos(np.radians(47.0)))
+        return message
 
     makers = {ODOMETRY: ("/odom", odometry), IMU: ("/imu/data", imu), FIX: ("/fix", fix)}
     folder = tmp_path_factory.mktemp("foreign")
