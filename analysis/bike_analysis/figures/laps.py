@@ -50,7 +50,11 @@ def evaluated_ride(ride: Ride) -> Ride:
     if finish is None:
         behind = states.progress >= states.course_length
         return ride if behind[0] or not behind.any() else _until(ride, states.take(slice(0, int(np.argmax(behind)))))
-    states = _extended(states, finish)
+    progress, lateral = finish.extend(states.progress, states.lateral_error, states.x, states.y)
+    front = finish.extend(states.front_progress, states.front_lateral_error, states.front_x, states.front_y)
+    states = states.with_columns(
+        progress=progress, lateral_error=lateral, front_progress=front[0], front_lateral_error=front[1]
+    )
     cut = find_finish(finish.length, states.progress)
     return ride if cut is None else _until(ride, _cut_states(states, cut))
 
@@ -62,15 +66,6 @@ def course_finish(course: RecordedCourse | None) -> Finish | None:
     dx, dy, step = course.x[-1] - course.x[-2], course.y[-1] - course.y[-2], course.s[-1] - course.s[-2]
     bend = 0.5 * step * course.curvature[-1] if len(course.curvature) == len(course.s) else 0.0
     return Finish(float(course.s[-1]), float(course.x[-1]), float(course.y[-1]), math.atan2(dy, dx) + float(bend))
-
-
-def _extended(states: Table, finish: Finish) -> Table:
-    """The states, with progress and lateral errors extended straight beyond the finish."""
-    progress, lateral = finish.extend(states.progress, states.lateral_error, states.x, states.y)
-    front = finish.extend(states.front_progress, states.front_lateral_error, states.front_x, states.front_y)
-    return states.with_columns(
-        progress=progress, lateral_error=lateral, front_progress=front[0], front_lateral_error=front[1]
-    )
 
 
 def _cut_states(states: Table, cut: FinishCut) -> Table:
@@ -86,10 +81,7 @@ def _cut_states(states: Table, cut: FinishCut) -> Table:
 
 
 def _until(ride: Ride, states: Table) -> Ride:
-    telemetry = ride.telemetry
-    if telemetry is not None:
-        telemetry = telemetry.take(telemetry.step <= states.step[-1])
-    return replace(ride, states=states, telemetry=telemetry)
+    return replace(ride, states=states, telemetry=ride.telemetry.take(ride.telemetry.step <= states.step[-1]))
 
 
 def has_limits(course: RecordedCourse | None) -> bool:

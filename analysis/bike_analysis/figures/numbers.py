@@ -152,7 +152,7 @@ def tyre_figures(ride: Ride) -> dict[str, float | None] | None:
         Its figures by name, or None where no telemetry of it was recorded.
     """
     telemetry = ride.telemetry
-    if telemetry is None or not len(telemetry.step):
+    if not len(telemetry):
         return None
     nothing = np.empty(0)
     period = float(ride.states.control_period[0])
@@ -202,7 +202,7 @@ _LOST = ("rear_contact_lost", "front_contact_lost")
 def telemetry_columns(ride: Ride, rows: slice) -> dict[str, Floats]:
     """Telemetry of some of a ride's states, by name of the table's column; NaN where a state has none."""
     telemetry = ride.telemetry
-    if telemetry is None or not len(telemetry.step):
+    if not len(telemetry):
         return {}
     steps = ride.states.step[rows]
     order = np.argsort(telemetry.step, kind="stable")

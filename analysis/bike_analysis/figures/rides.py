@@ -36,7 +36,7 @@ class Ride:
         course: The course, or None where it was not recorded.
         events: Events of this ride.
         latencies: Reports of the policy's latency during this ride.
-        telemetry: What tyres and engine did in this ride, or None where it was not recorded.
+        telemetry: What tyres and engine did in this ride; empty where it was not recorded.
     """
 
     recording: Recording
@@ -49,7 +49,7 @@ class Ride:
     course: RecordedCourse | None
     events: tuple[RecordedEvent, ...]
     latencies: tuple[Latency, ...]
-    telemetry: Table | None = None
+    telemetry: Table
 
     def __repr__(self) -> str:
         return f"<Ride {self.label}: {len(self.states)} states, {len(self.laps)} laps>"
@@ -168,9 +168,23 @@ def find_rides(recording: Recording) -> tuple[Ride, ...]:
         whole = states.take(slice(first, last))
         fresh = np.append(True, np.diff(whole.step) > 0)
         window = _window(states, first, last)
-        once = whole if fresh.all() else whole.take(fresh)
-        label = name if len(bounds) == 2 else f"{name}, ride {index}"
-        rides.append(_ride(recording, label, index, once, int((~fresh).sum()), window))
+        episode, (begin, end) = int(whole.episode[0]), whole.order[[0, -1]]
+        courses = [c for c in recording.courses if c.episode == episode and window.holds(c.order)]
+        rides.append(
+            Ride(
+                recording=recording,
+                label=name if len(bounds) == 2 else f"{name}, ride {index}",
+                index=index,
+                episode=episode,
+                states=whole if fresh.all() else whole.take(fresh),
+                repeated_states=int((~fresh).sum()),
+                commands=recording.commands.take(_mine(recording.commands, episode, window)),
+                course=courses[-1] if courses else None,
+                events=tuple(e for e in recording.events if e.episode == episode and window.holds(e.order, e.step)),
+                latencies=tuple(x for x in recording.latencies if begin <= x.order <= end),
+                telemetry=recording.telemetry.take(_mine(recording.telemetry, episode, window)),
+            )
+        )
     return tuple(rides)
 
 
@@ -204,26 +218,6 @@ def _window(states: Table, first: int, last: int) -> _Window:
         later = last + int(np.argmax(same[last:]))
         window |= {"reset_until": int(states.order[later - 1]), "until": int(states.order[later]) - 1}
     return _Window(**window)
-
-
-def _ride(recording: Recording, label: str, index: int, states: Table, repeated: int, window: _Window) -> Ride:
-    episode = int(states.episode[0])
-    commands, telemetry = recording.commands, recording.telemetry
-    courses = [c for c in recording.courses if c.episode == episode and window.holds(c.order)]
-    first, last = states.order[0], states.order[-1]
-    return Ride(
-        recording=recording,
-        label=label,
-        index=index,
-        episode=episode,
-        states=states,
-        repeated_states=repeated,
-        commands=commands.take(_mine(commands, episode, window)),
-        course=courses[-1] if courses else None,
-        events=tuple(e for e in recording.events if e.episode == episode and window.holds(e.order, e.step)),
-        latencies=tuple(x for x in recording.latencies if first <= x.order <= last),
-        telemetry=None if telemetry is None else telemetry.take(_mine(telemetry, episode, window)),
-    )
 
 
 def _mine(table: Table, episode: int, window: _Window) -> NDArray[np.bool_] | slice:
