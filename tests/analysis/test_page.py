@@ -27,7 +27,7 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from bike_analysis import compare, open_ride
 from bike_analysis.page.document import MISSING, SHORT, embed, page_shell, program_version
-from bike_analysis.page.ride_page import render_page, write_page
+from bike_analysis.page.ride_page import write_page
 from bike_analysis.page.ride_view import panels_for, ride_view
 from bike_analysis.page.view import (
     FAST_CHANNELS,
@@ -650,11 +650,12 @@ def test_long_notes_are_folded_and_say_whose_they_are(writer: Any, circle: Any, 
     folded = re.compile(
         "<summary>More notes of ([^<]*)</summary><dl class=keys><dt>task</dt><dd>(first|second) &lt;b&gt;x"
     )
-    assert folded.findall(render_page(recordings)) == [
+    page = write_page(recordings, tmp_path / "page.html")
+    assert folded.findall(page.read_text()) == [
         ("a/&lt;ride&gt;.mcap", "first"),
         ("b/&lt;ride&gt;.mcap", "second"),
     ]
-    assert folded.findall(render_page(recordings[:1])) == [("the recording", "first")]
+    assert folded.findall(write_page(recordings[:1], page).read_text()) == [("the recording", "first")]
 
 
 def test_poor_rides_are_drawn_as_far_as_they_go(opened: Opener, writer: Any, circle: Any, tmp_path: Path) -> None:

@@ -136,7 +136,7 @@ def test_a_fall_is_marked_in_the_traces_and_told_in_degrees(writer, circle, tmp_
     view = comparison_view(compare(recordings), "both")
     (moment,) = view.data()["moments"]
     assert (view.series[moment["series"]].name, moment["row"]) == ("a", 90)
-    assert "fell with a roll of 46°" in ride_page.render_page(recordings)
+    assert "fell with a roll of 46°" in ride_page.write_page(recordings, tmp_path / "page.html").read_text()
 
 
 def test_circuits_have_their_turns_and_laps_their_kind(writer, circle, tmp_path: Path) -> None:

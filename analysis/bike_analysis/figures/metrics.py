@@ -57,8 +57,11 @@ def ride_table(ride: Ride) -> pd.DataFrame:
     }
     steps, seconds = command_ages(ride)
     columns |= motion_columns(ride, slice(None))
-    columns |= {"command_age_steps": steps, "command_age_s": seconds, "section": _section_names(ride)}
-    return pd.DataFrame(columns)
+    course, index = ride.course, ride.section_of()
+    names = np.array([None, *(course.section_names if course is not None else ())], dtype=object)
+    inside = names[index + 1] if len(index) else np.full(len(states), None)
+    section = pd.Categorical(inside, list(dict.fromkeys(names[1:])))
+    return pd.DataFrame(columns | {"command_age_steps": steps, "command_age_s": seconds, "section": section})
 
 
 def motion_columns(ride: Ride, rows: slice) -> dict[str, Any]:
@@ -80,15 +83,6 @@ def station(ride: Ride) -> Floats:
         return ride.distance
     length = course_length(ride)
     return states.progress if length is None else np.mod(states.progress, length)
-
-
-def _section_names(ride: Ride) -> Any:
-    course, index = ride.course, ride.section_of()
-    names: list[str] = [] if course is None or not len(index) else list(dict.fromkeys(course.section_names))
-    codes = np.full(len(ride.states), -1, dtype=np.int64)
-    if course is not None and len(index):
-        codes = np.array([names.index(name) for name in course.section_names] + [-1], dtype=np.int64)[index]
-    return pd.Categorical.from_codes(codes, pd.Index(names, dtype=object))
 
 
 IDEAL_LINE: Final = "(ideal)"

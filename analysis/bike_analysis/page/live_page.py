@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from html import escape
 from typing import Final
 
@@ -44,17 +43,8 @@ _OTHER_HANDS: Final = (
 )
 
 
-@dataclass(frozen=True)
-class Ghost:
-    """A recorded ride or lap that rides along.
-
-    Attributes:
-        series: Its columns; time and distance count from its beginning.
-        is_lap: Whether it begins again with each lap.
-    """
-
-    series: Series
-    is_lap: bool
+Ghost = tuple[Series, bool]
+"""A recorded ride or lap that rides along: columns that count from its beginning, and whether each lap begins it."""
 
 
 def ghost_of(comparison: Comparison, course: Course) -> Ghost | None:
@@ -69,7 +59,7 @@ def ghost_of(comparison: Comparison, course: Course) -> Ghost | None:
         return None
     columns = run_columns(comparison, comparison.reference, is_fast(run.ride))
     shown = {name: column for name, column in columns.items() if name in _SHOWN}
-    return Ghost(Series(run.label, shown, series_colour(1)), run.lap is not None)
+    return Series(run.label, shown, series_colour(1)), run.lap is not None
 
 
 def live_view(course: Course, machine: str, powered: bool, ghost: Ghost | None = None) -> View:
@@ -100,11 +90,11 @@ def live_view(course: Course, machine: str, powered: bool, ghost: Ghost | None =
     return View(
         "live",
         f"{machine} on {course.name}",
-        (Series("this ride", columns), *((ghost.series,) if ghost else ())),
+        (Series("this ride", columns), *(ghost[:1] if ghost else ())),
         panels,
         tuple(lines),
         colours=(),
-        map_caption="Where the ride is, and its last half minute." + (_GHOST_WORDS[ghost.is_lap] if ghost else ""),
+        map_caption="Where the ride is, and its last half minute." + (_GHOST_WORDS[ghost[1]] if ghost else ""),
         channels=FAST_CHANNELS if powered else {},
         follow=road_spec(title, float(course.s[1]), line, widths, powered, open=not course.closed),
     )

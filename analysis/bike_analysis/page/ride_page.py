@@ -37,7 +37,7 @@ from bike_analysis.read.messages import Floats
 from bike_analysis.read.reading import Recording
 
 DRAWN_RIDES: Final = 6
-"""Rides that are drawn; the table has all of them."""
+"""Rides that are drawn: the failed ones and those with the largest errors; the table has all of them."""
 
 MOST_COLUMNS: Final = 4
 """Sectors that are columns of the table of times; more are its rows."""
@@ -66,19 +66,6 @@ def write_page(
         ValueError: If there is no recording.
         OSError: If the file cannot be written.
     """
-    target = Path(path)
-    target.write_text(render_page(recordings, comparison, theory), encoding="utf-8")
-    return target
-
-
-def render_page(
-    recordings: Sequence[Recording], comparison: Comparison | None = None, theory: Theory | None = None
-) -> str:
-    """Make the report page; see `write_page`.
-
-    Returns:
-        HTML without any reference to the outside.
-    """
     if not recordings:
         raise ValueError("a page needs at least one recording")
     rides = [ride for recording in recordings for ride in recording.rides]
@@ -88,7 +75,9 @@ def render_page(
     sources = [prefix + recording.path.name if several else "" for prefix, recording in named]
     labels = [prefix + ride.label for prefix, recording in named for ride in recording.rides]
     names = [f"Ride {number}: {label}" if several else f"Ride {number}" for number, label in enumerate(labels, start=1)]
-    drawn = _chosen([ride.figures for ride in rides])
+    figures = [ride.figures for ride in rides]
+    failed_or_far = [(f.falls + f.off_course == 0, -(f.max_error_m or 0.0)) for f in figures]
+    drawn = sorted(sorted(range(len(rides)), key=failed_or_far.__getitem__)[:DRAWN_RIDES])
     views: list[View] = []
     parts = ["".join(map(_warnings, recordings, sources))]
     if theory is not None:
@@ -108,7 +97,10 @@ def render_page(
         view = ride_view(rides[index].evaluated, f"ride-{index + 1}", name)
         views.append(view)
         parts.append(_ride(rides[index], names[index], view))
-    return page_shell(title, _below(list(zip(recordings, sources, strict=True))), parts, views)
+    target = Path(path)
+    text = page_shell(title, _below(list(zip(recordings, sources, strict=True))), parts, views)
+    target.write_text(text, encoding="utf-8")
+    return target
 
 
 # ---- side by side --------------------------------------------------------------------------------------------------
@@ -242,17 +234,6 @@ def _below(recordings: Sequence[tuple[Recording, str]]) -> str:
     lines = [f"{lines[0]} · {made}"] if len(lines) == 1 else [*lines, made]
     more = "".join(long_notes(recording.notes, file) for recording, file in recordings)
     return "".join(f'<p class="soft">{line}</p>' for line in lines) + more
-
-
-def _chosen(figures: Sequence[Figures]) -> list[int]:
-    """Indices of the rides to draw: all if they are few, else the failed ones and those with the largest errors."""
-    if len(figures) <= DRAWN_RIDES:
-        return list(range(len(figures)))
-    worst = sorted(
-        range(len(figures)),
-        key=lambda i: (figures[i].falls + figures[i].off_course == 0, -(figures[i].max_error_m or 0.0)),
-    )
-    return sorted(worst[:DRAWN_RIDES])
 
 
 def _words(recording: Recording, file: str) -> list[str]:

@@ -314,24 +314,22 @@ def gg_cloud(columns: Sequence[Mapping[str, Floats]], machine: Machine | None = 
         return None
     x, y = (np.concatenate([c[name] for c in columns]) for name in ("lateral", "along"))
     box = (float(np.nanmin(x)), float(np.nanmax(x)), float(np.nanmin(y)), float(np.nanmax(y)))
-    limited = " The dashed curve is what the machine can do at this speed on level ground, by tyres, engine and brakes."
+    limited, limit = "", None
+    if machine is not None:
+        limited = " The dashed curve is what the machine can do at this speed on level ground."
+        speeds = 3.6 * machine.speeds
+        wanted = np.arange(CURVE_SPEED_STEP, speeds[-1], CURVE_SPEED_STEP)
+        rows = np.unique(np.abs(speeds[:, None] - wanted).argmin(axis=0))
+        curves = np.round(np.stack([machine.lateral[rows], machine.along[rows]], axis=1) / GRAVITY, 3)
+        limit = {"speeds": np.round(speeds[rows], 1).tolist(), "unit": "km/h", "curves": curves.tolist()}
     return {
         "title": "Accelerations (g-g diagram)",
         **{"x": "lateral", "y": "along", "x_label": "lateral in g, right positive", "y_label": "longitudinal in g"},
         "box": box,
         "caption": "From the recorded states: speed times yaw rate, and change of speed. The dot is the cursor."
-        + (limited if machine is not None else ""),
-        "limit": None if machine is None else _gg_limit(machine),
+        + limited,
+        "limit": limit,
     }
-
-
-def _gg_limit(machine: Machine) -> Drawn:
-    """Curves of the g-g diagram, every 10 km/h, in g."""
-    speeds = 3.6 * machine.speeds
-    wanted = np.arange(CURVE_SPEED_STEP, speeds[-1], CURVE_SPEED_STEP)
-    rows = np.unique(np.abs(speeds[:, None] - wanted).argmin(axis=0))
-    curves = np.round(np.stack([machine.lateral[rows], machine.along[rows]], axis=1) / GRAVITY, 3)
-    return {"speeds": [round(float(speed), 1) for speed in speeds[rows]], "unit": "km/h", "curves": curves.tolist()}
 
 
 # ---- map and road --------------------------------------------------------------------------------------------------
