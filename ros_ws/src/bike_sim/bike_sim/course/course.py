@@ -106,10 +106,8 @@ class Course:
             raise ValueError(f"course {self.name!r}: arc length must begin at 0 and grow in equal steps")
         if not math.isfinite(self.off_course_limit) or self.off_course_limit <= 0.0:
             raise ValueError(f"course {self.name!r}: off-course limit must be positive, got {self.off_course_limit!r}")
-        if self.closed:
-            self._check_closed()
-
-    def _check_closed(self) -> None:
+        if not self.closed:
+            return
         gap = math.hypot(self.x[-1] - self.x[0], self.y[-1] - self.y[0])
         turns = (self.heading[-1] - self.heading[0]) / (2.0 * math.pi)
         kink = abs(turns - round(turns)) * 2.0 * math.pi

@@ -119,11 +119,16 @@ def _parse_rows(text: str) -> tuple[FloatArray, list[int], bool]:
             if not rows and {"x_m", "y_m"} <= set(cells):
                 columns, wanted = _named_columns(cells, number), len(cells)
             continue
-        if not rows and columns is None and all(_is_name(cell) for cell in cells):
+        if not rows and columns is None and all(cell[:1].isalpha() and not _is_number(cell) for cell in cells):
             columns, wanted = _named_columns(cells, number), len(cells)
             continue
         if columns is None:
-            columns, wanted = _unnamed_columns(cells, number), len(cells)
+            if len(cells) not in (2, len(COLUMNS)):
+                raise CourseFileError(
+                    f"row {number} has {len(cells)} columns; without a row of names they must be "
+                    f"{','.join(COLUMNS[:2])} or {','.join(COLUMNS)}"
+                )
+            columns, wanted = list(range(len(cells))), len(cells)
         if len(cells) != wanted:
             raise CourseFileError(f"row {number} has {len(cells)} columns instead of {wanted}: {line[:60]!r}")
         rows.append([_number(cells[column], COLUMNS[i], number) for i, column in enumerate(columns)])
@@ -134,18 +139,10 @@ def _parse_rows(text: str) -> tuple[FloatArray, list[int], bool]:
 
 
 def _split(line: str) -> list[str]:
-    for separator in (";", "\t"):
-        if separator in line:
-            break
-    else:
-        separator = ","
+    separator = next((each for each in (";", "\t") if each in line), ",")
     cells = [cell.strip() for cell in line.split(separator)]
     # Spreadsheets and some tools end every row with a separator.
     return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
-
-
-def _is_name(cell: str) -> bool:
-    return cell[:1].isalpha() and not _is_number(cell)
 
 
 def _is_number(cell: str) -> bool:
@@ -177,15 +174,6 @@ def _named_columns(names: list[str], line: int) -> list[int]:
     if len(widths) == 1:
         raise CourseFileError(f"row {line} names {widths[0]} alone; give the widths to both sides or none")
     return [names.index(name) for name in (*COLUMNS[:2], *widths)]
-
-
-def _unnamed_columns(cells: list[str], line: int) -> list[int]:
-    if len(cells) not in (2, len(COLUMNS)):
-        raise CourseFileError(
-            f"row {line} has {len(cells)} columns; without a row of names they must be "
-            f"{','.join(COLUMNS[:2])} or {','.join(COLUMNS)}"
-        )
-    return list(range(len(cells)))
 
 
 def _looks_closed(points: FloatArray) -> bool:
