@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from bike_analysis.read.messages import Floats, Integers, Latency, RecordedCourse, RecordedEvent, Table
 from bike_analysis.read.reading import Recording, ride_bounds
@@ -17,8 +16,6 @@ from bike_analysis.read.reading import Recording, ride_bounds
 if TYPE_CHECKING:  # these modules take rides
     from bike_analysis.figures.laps import Lap
     from bike_analysis.figures.metrics import Figures
-
-_NEVER: Final = int(np.iinfo(np.int64).max)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,12 +161,20 @@ def find_rides(recording: Recording) -> tuple[Ride, ...]:
     """
     states, name = recording.states, recording.path.stem
     bounds, rides = ride_bounds(states.episode, states.step), []
+    begins = np.array(bounds[:-1])
     for index, (first, last) in enumerate(pairwise(bounds), start=1):
         whole = states.take(slice(first, last))
         fresh = np.append(True, np.diff(whole.step) > 0)
-        window = _window(states, first, last)
         episode, (begin, end) = int(whole.episode[0]), whole.order[[0, -1]]
-        courses = [c for c in recording.courses if c.episode == episode and window.holds(c.order)]
+        same = begins[states.episode[begins] == episode]
+
+        commands, telemetry = (
+            table.take((table.episode == episode) & (_owner(states, same, table.order) == first))
+            for table in (recording.commands, recording.telemetry)
+        )
+        courses = [
+            c for c in recording.courses if c.episode == episode and _owner(states, same, c.order, True) == first
+        ]
         rides.append(
             Ride(
                 recording=recording,
@@ -178,49 +183,31 @@ def find_rides(recording: Recording) -> tuple[Ride, ...]:
                 episode=episode,
                 states=whole if fresh.all() else whole.take(fresh),
                 repeated_states=int((~fresh).sum()),
-                commands=recording.commands.take(_mine(recording.commands, episode, window)),
+                commands=commands,
                 course=courses[-1] if courses else None,
-                events=tuple(e for e in recording.events if e.episode == episode and window.holds(e.order, e.step)),
+                events=tuple(
+                    e
+                    for e in recording.events
+                    if e.episode == episode and _owner(states, same, e.order, e.step == 0) == first
+                ),
                 latencies=tuple(x for x in recording.latencies if begin <= x.order <= end),
-                telemetry=recording.telemetry.take(_mine(recording.telemetry, episode, window)),
+                telemetry=telemetry,
             )
         )
     return tuple(rides)
 
 
-@dataclass(frozen=True)
-class _Window:
-    """Places in the recording between which messages of an episode number belong to one ride.
+def _owner(states: Table, begins: Integers, order: Any, reset: Any = False) -> Any:
+    """Return the first row of the ride that messages belong to, of rides of one episode number.
 
-    Topics are recorded side by side, and a course or command may stand before its ride's first state. So only another
-    ride of the same episode number, from a simulator that was restarted, limits the window. Between the two, what
-    belongs to a reset (a course, an event of step 0) is the later ride's, all else is the earlier one's.
+    Topics are recorded side by side, and a course or command may stand before its ride's first state. So what lies
+    between two rides is the later one's where it belongs to a reset (a course, an event of step 0), else the earlier's.
+
+    Args:
+        states: Of the recording.
+        begins: First rows of those rides.
+        order: Places of the messages in the recording.
+        reset: Whether they belong to a reset.
     """
-
-    reset_after: int
-    reset_until: int
-    after: int
-    until: int
-
-    def holds(self, order: int, step: int = 0) -> bool:
-        """Whether a message at this place about this step belongs to the ride; step 0 is the reset."""
-        after, until = (self.reset_after, self.reset_until) if step == 0 else (self.after, self.until)
-        return after < order <= until
-
-
-def _window(states: Table, first: int, last: int) -> _Window:
-    """Find the window of the ride in rows `first` to `last` (exclusive)."""
-    same = states.episode == states.episode[first]
-    window = {"reset_after": -1, "reset_until": _NEVER, "after": -1, "until": _NEVER}
-    if same[:first].any():
-        window |= {"reset_after": int(states.order[first - 1]), "after": int(states.order[first]) - 1}
-    if same[last:].any():
-        later = last + int(np.argmax(same[last:]))
-        window |= {"reset_until": int(states.order[later - 1]), "until": int(states.order[later]) - 1}
-    return _Window(**window)
-
-
-def _mine(table: Table, episode: int, window: _Window) -> NDArray[np.bool_] | slice:
-    """Rows of a table that belong to a ride; a slice where they are all of them, which costs no copy."""
-    mine: NDArray[np.bool_] = (table.episode == episode) & (table.order > window.after) & (table.order <= window.until)
-    return slice(None) if mine.all() else mine
+    later = np.searchsorted(states.order[begins[1:]], order, side="right")
+    return begins[np.where(reset, np.searchsorted(states.order[begins[1:] - 1], order), later)]
