@@ -172,9 +172,9 @@ def find_rides(recording: Recording) -> tuple[Ride, ...]:
             table.take((table.episode == episode) & (_owner(states, same, table.order) == first))
             for table in (recording.commands, recording.telemetry)
         )
-        courses = [
-            c for c in recording.courses if c.episode == episode and _owner(states, same, c.order, True) == first
-        ]
+        courses = [c for c in recording.courses if c.episode == episode]
+        courses = [c for c in courses if _owner(states, same, c.order, True) == first]
+        events = (e for e in recording.events if e.episode == episode)
         rides.append(
             Ride(
                 recording=recording,
@@ -185,11 +185,7 @@ def find_rides(recording: Recording) -> tuple[Ride, ...]:
                 repeated_states=int((~fresh).sum()),
                 commands=commands,
                 course=courses[-1] if courses else None,
-                events=tuple(
-                    e
-                    for e in recording.events
-                    if e.episode == episode and _owner(states, same, e.order, e.step == 0) == first
-                ),
+                events=tuple(e for e in events if _owner(states, same, e.order, e.step == 0) == first),
                 latencies=tuple(x for x in recording.latencies if begin <= x.order <= end),
                 telemetry=telemetry,
             )
