@@ -91,6 +91,7 @@ class SyntheticRide:
     delay: int = 0
     skip_steps: frozenset[int] = frozenset()
     latency_ms: tuple[float, float] | None = None
+    stamps: Any = None
 
     @property
     def steps(self) -> int:
@@ -157,7 +158,7 @@ class EpisodeWriter:
         if ride.course is not None:
             self._put(recorder, "/bike/course", ride.start_s, episode=ride.episode, **ride.course)
         for step in range(ride.steps):
-            time_s = ride.start_s + PERIOD * step
+            time_s = ride.start_s + PERIOD * step if ride.stamps is None else float(ride.stamps[step])
             values = {name: _plain(column[step]) for name, column in ride.states.items()}
             header = {"episode": ride.episode, "step": step}
             if step not in ride.skip_steps:

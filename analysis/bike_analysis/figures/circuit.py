@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_analysis.figures.laps import has_limits
+from bike_analysis.figures.metrics import Figures
 from bike_analysis.figures.numbers import rate
 from bike_analysis.figures.rides import Ride
 from bike_analysis.read.messages import Floats, RecordedCourse
@@ -135,36 +136,6 @@ PHASES: Final = ("braking", "entry", "exit", "straight after")
 """Parts of a corner's stretch: up to where it begins, up to its apex, up to its end, and from there on."""
 
 
-@dataclass(frozen=True)
-class CornerFigures:
-    """One corner of a lap.
-
-    Attributes:
-        name: Of the corner.
-        direction: ``left`` or ``right``.
-        braking_m: Where braking for it began, m from the start line; None if it was not braked for.
-        before_apex_m: The same as a distance before the apex.
-        entry_speed: At the corner's beginning.
-        least_speed: The lowest in it.
-        exit_speed: At its end.
-        lean_deg: The largest lean in it, without sign.
-        lost_s: Time lost on the reference over the corner's stretch, which reaches to the middle of the straights
-            before and after it, so that all corners together make up the lap; negative where time was won.
-        lost_in: The one of `PHASES` in which most was lost; empty if nothing was.
-    """
-
-    name: str
-    direction: str
-    braking_m: float | None
-    before_apex_m: float | None
-    entry_speed: float
-    least_speed: float
-    exit_speed: float
-    lean_deg: float
-    lost_s: float
-    lost_in: str
-
-
 def course_corners(course: RecordedCourse | None, track: Track | None = None) -> tuple[Corner, ...]:
     """Find the corners of a recorded course.
 
@@ -199,7 +170,7 @@ def course_corners(course: RecordedCourse | None, track: Track | None = None) ->
 
 def corner_figures(
     corners: Sequence[Corner], length_m: float, lap: Mapping[str, Floats], reference: Mapping[str, Floats]
-) -> tuple[CornerFigures, ...]:
+) -> tuple[Figures, ...]:
     """Compute the figures of each corner.
 
     Args:
@@ -210,7 +181,11 @@ def corner_figures(
         reference: Distance and time of what it is measured against.
 
     Returns:
-        One record per corner.
+        For each ``name``, ``direction``, ``braking_m`` (where braking for it began, from the start line; None if it was
+        not braked for), ``before_apex_m``, ``entry_speed``, ``least_speed``, ``exit_speed``, ``lean_deg`` without sign,
+        ``lost_s`` over its stretch, which reaches to the middle of the straights before and after it, so that all
+        corners make up the lap, negative where time was won; and ``lost_in``, that of `PHASES` in which most was lost,
+        empty if nothing was.
     """
     middles = [0.5 * (before.end + after.begin) for before, after in pairwise(corners)]
     bounds = [0.0, *middles, length_m]
@@ -226,7 +201,7 @@ def corner_figures(
         braking = _braking_point(distance, brake, first, corner.apex)
         losses = [_lost(lap, reference, a, b) for a, b in pairwise((first, corner.begin, corner.apex, end, last))]
         found.append(
-            CornerFigures(
+            Figures(
                 name=corner.name,
                 direction=corner.direction,
                 braking_m=braking,

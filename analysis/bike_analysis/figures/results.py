@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
 from typing import Any, Final
 
 import numpy as np
@@ -57,7 +56,7 @@ def comparison_figures(comparison: Comparison) -> dict[str, Any]:
         "spacing_m": float(stations[1] - stations[0]) if len(stations) > 1 else 0.0,
         "stations": len(stations),
         "runs": [_run_figures(comparison, index) for index in range(len(runs))],
-        "sectors": [asdict(sector) for sector in comparison.sectors],
+        "sectors": list(comparison.sectors),
         "theoretical_lap_s": comparison.best_sectors_s,
     }
 

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from bike_analysis.figures.circuit import CornerFigures, Theory, corner_figures, course_corners
+from bike_analysis.figures.circuit import Theory, corner_figures, course_corners
 from bike_analysis.figures.compare import Comparison, counted_runs
 from bike_analysis.figures.metrics import Figures
 from bike_analysis.figures.numbers import lap_text
@@ -207,7 +207,7 @@ def _from_line_to_line(columns: Mapping[str, Floats], length: float, duration: f
     return ended
 
 
-def _corner_table(found: Sequence[CornerFigures], title: str, is_open: bool) -> str:
+def _corner_table(found: Sequence[Figures], title: str, is_open: bool) -> str:
     worst = max((corner.lost_s for corner in found), default=0.0)
     rows = []
     for corner in found:
