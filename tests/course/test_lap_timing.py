@@ -57,13 +57,6 @@ def test_crossing_is_timed_below_the_step_while_speed_changes(track):
     assert timing.laps[0].duration == pytest.approx(second - first, abs=2e-5)
 
 
-def test_ride_that_starts_on_the_line_is_timed_from_there(track):
-    times = np.arange(0.0, 60.0, 0.1)
-    timing, _ = time_laps(track, ride(times, 40.0 * times))
-    assert timing.laps[0].began == 0.0
-    assert timing.laps[0].duration == pytest.approx(track.length / 40.0)
-
-
 def test_laps_have_their_times_and_validity(track):
     # Laps of 30, 20, 25 s; the second leaves the track.
     durations = [30.0, 20.0, 25.0]
@@ -122,6 +115,8 @@ def test_distance_to_the_ideal_line(track):
     assert timing.ideal_distance == pytest.approx(2.0, abs=0.01)
     assert timing.farthest == pytest.approx(3.0)
     without, _ = time_laps(track, ride(times, 40.0 * times))
+    assert without.laps[0].began == 0.0, "it starts on the line"
+    assert without.laps[0].duration == pytest.approx(track.length / 40.0)
     assert math.isnan(without.ideal_distance)
     assert math.isnan(without.laps[0].ideal_distance)
 
