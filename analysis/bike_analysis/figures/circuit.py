@@ -152,8 +152,7 @@ def course_corners(course: RecordedCourse | None, track: Track | None = None) ->
     if track is None and name in shipped_tracks():
         track = load_track(name)
     if track is None:
-        heading = np.unwrap(np.arctan2(np.gradient(course.y), np.gradient(course.x)))
-        line = (course.s, course.x, course.y, heading, course.curvature)
+        line = (course.s, course.x, course.y, course.heading, course.curvature)
         try:
             return find_corners(Course(course.name, *line, closed=True))
         except ValueError:  # a line that is no circuit

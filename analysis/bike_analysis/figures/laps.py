@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from bike_analysis.figures.rides import Ride
 from bike_analysis.read.messages import Floats, RecordedCourse, RecordedEvent, Table
+from bike_sim.course.course import Course
 from bike_sim.course.finish import Finish, FinishCut, find_finish
 
 _HELD: Final = (
@@ -84,9 +85,11 @@ def _until(ride: Ride, states: Table) -> Ride:
     return replace(ride, states=states, telemetry=ride.telemetry.take(ride.telemetry.step <= states.step[-1]))
 
 
-def has_limits(course: RecordedCourse | None) -> bool:
-    """Whether a course was recorded with both limits."""
-    return course is not None and 0 < len(course.s) == len(course.width_left) == len(course.width_right)
+def has_limits(course: RecordedCourse | Course | None) -> bool:
+    """Whether a course has both limits."""
+    if course is None or course.width_left is None or course.width_right is None:
+        return False
+    return 0 < len(course.s) == len(course.width_left) == len(course.width_right)
 
 
 def beyond_limits(states: Table, course: RecordedCourse | None) -> Floats:

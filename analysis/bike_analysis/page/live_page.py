@@ -82,21 +82,17 @@ def live_view(course: Course, machine: str, powered: bool, ghost: Ghost | None =
     keys = ("throttle", "brake", "slip", "load") if powered else ()
     driven = (PANELS[key] | {"folded": False} for key in keys)
     panels = (speed, PANELS["lean"] | _LEAN, *driven, PANELS["command"] | _COMMAND, PANELS["error"])
-    line, widths = (course.x, course.y, course.heading), (course.width_left, course.width_right)
-    lines = [MapLine("desired path", "reference", *closed(course.closed, course.x, course.y))]
-    if widths[0] is not None and widths[1] is not None:
-        lines += limit_lines(*line, (widths[0], widths[1]), course.closed)
-    title = f"{machine}, {course.name}"
+    path = MapLine("desired path", "reference", *closed(course, course.x, course.y))
     return View(
         "live",
         f"{machine} on {course.name}",
         (Series("this ride", columns), *(ghost[:1] if ghost else ())),
         panels,
-        tuple(lines),
+        (path, *limit_lines(course)),
         colours=(),
         map_caption="Where the ride is, and its last half minute." + (_GHOST_WORDS[ghost[1]] if ghost else ""),
         channels=FAST_CHANNELS if powered else {},
-        follow=road_spec(title, float(course.s[1]), line, widths, powered, open=not course.closed),
+        follow=road_spec(f"{machine}, {course.name}", course, powered),
     )
 
 

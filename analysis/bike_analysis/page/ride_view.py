@@ -37,6 +37,7 @@ from bike_analysis.page.view import (
     series_colour,
 )
 from bike_analysis.read.messages import Floats, RecordedCourse
+from bike_sim.course.course import Course
 from bike_sim.course.track import Corner
 from bike_sim.schema import BIKE_STATE, GRAVITY, SUSPENSION, TELEMETRY
 
@@ -337,38 +338,35 @@ def gg_cloud(columns: Sequence[Mapping[str, Floats]], machine: Machine | None = 
 
 def map_lines(ride: Ride) -> tuple[MapLine, ...]:
     """The desired path and, where they were recorded, the limits."""
-    lines = [MapLine("desired path", "reference", *ride.reference_line())]
-    course = ride.course
-    if course is not None and has_limits(course):
-        lines += limit_lines(
-            course.x, course.y, _heading(course), (course.width_left, course.width_right), course.closed
-        )
-    return tuple(lines)
+    return MapLine("desired path", "reference", *ride.reference_line()), *limit_lines(ride.course)
 
 
-def limit_lines(x: Floats, y: Floats, heading: Floats, widths: tuple[Floats, Floats], is_closed: bool) -> list[MapLine]:
-    """The limits to the left and to the right of a line."""
+def limit_lines(course: RecordedCourse | Course | None) -> list[MapLine]:
+    """The limits to the left and to the right of a course; none without them."""
+    if course is None or not has_limits(course):
+        return []
     sides = (("left limit", 1.0), ("right limit", -1.0))
-    return [
-        MapLine(name, "limit", *closed(is_closed, *edge(x, y, heading, side, width)))
-        for (name, side), width in zip(sides, widths, strict=True)
-    ]
+    return [MapLine(name, "limit", *closed(course, *edge(course, side))) for name, side in sides]
 
 
-def _heading(course: RecordedCourse) -> Floats:
-    """Heading of a course at its samples, rad."""
-    return np.asarray(np.arctan2(np.gradient(course.y), np.gradient(course.x)), dtype=np.float64)
+def closed(course: RecordedCourse | Course, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """A line along a course, with its first point as its last one if it is closed."""
+    return (np.append(x, x[0]), np.append(y, y[0])) if course.closed else (x, y)
 
 
-def closed(ends_where_it_begins: bool, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """A line, with its first point as its last one if it is closed."""
-    return (np.append(x, x[0]), np.append(y, y[0])) if ends_where_it_begins else (x, y)
+def edge(course: RecordedCourse | Course, side: float, beyond: float = 0.0) -> tuple[Floats, Floats]:
+    """Edge of a road on the left (`side` 1) or on the right (-1) of a course, m; without limits `PATH_HALF_WIDTH` away.
 
-
-def edge(x: Floats, y: Floats, heading: Floats, side: float, width: Floats | None) -> tuple[Floats, Floats]:
-    """Edge of a road on the left (`side` 1) or on the right (-1) of a line; `PATH_HALF_WIDTH` away without limits."""
-    away = side * (np.full(len(x), PATH_HALF_WIDTH) if width is None else width)
-    return x - away * np.sin(heading), y + away * np.cos(heading)
+    Args:
+        course: With the line.
+        side: Of it.
+        beyond: Farther out, m.
+    """
+    width: Any = PATH_HALF_WIDTH
+    if has_limits(course):
+        width = course.width_left if side > 0.0 else course.width_right
+    away = side * (width + beyond)
+    return course.x - away * np.sin(course.heading), course.y + away * np.cos(course.heading)
 
 
 def follow_spec(ride: Ride, title: str, powered: bool, lap_time: str = "") -> Drawn | None:
@@ -379,42 +377,30 @@ def follow_spec(ride: Ride, title: str, powered: bool, lap_time: str = "") -> Dr
     motion = (states.x, states.y, states.yaw, states.roll, states.speed, states.progress)
     if not all(np.isfinite(column).any() for column in motion):
         return None
-    widths = (course.width_left, course.width_right) if has_limits(course) else (None, None)
-    line = (course.x, course.y, _heading(course))
-    return road_spec(title, float(course.s[1]), line, widths, powered, open=not course.closed, lapTime=lap_time)
+    return road_spec(title, course, powered, lap_time)
 
 
-def road_spec(
-    title: str,
-    step: float,
-    line: tuple[Floats, Floats, Floats],
-    widths: tuple[Floats | None, Floats | None],
-    powered: bool,
-    **more: Any,
-) -> dict[str, Any]:
+def road_spec(title: str, course: RecordedCourse | Course, powered: bool, lap_time: str = "") -> Drawn:
     """Return the data of a road that is seen from behind a vehicle.
 
     Args:
         title: Above the instruments.
-        step: Distance of the line's points, m.
-        line: x, m, y, m, and heading, rad, of the followed line.
-        widths: Distances to the left and the right limit, m; None without limits.
+        course: With the followed line.
         powered: Whether the machine has an engine: its speed is in km/h.
-        more: ``open``, whether the road does not end where it begins, and ``lapTime``, a text.
+        lap_time: Below the title.
     """
-    x, y, heading = line
-    edges = [c for side, width in zip((1.0, -1.0), widths, strict=True) for c in edge(x, y, heading, side, width)]
-    every = max(1, -(-len(x) // ROAD_POINTS), round(ROAD_STEPS[powered] / step))
+    step = float(course.s[1])
+    every = max(1, -(-len(course.x) // ROAD_POINTS), round(ROAD_STEPS[powered] / step))
+    edges = (*edge(course, 1.0), *edge(course, -1.0))
     return {
         "title": title,
-        "lapTime": "",
+        "lapTime": lap_time,
         "step": step * every,
         "edges": [np.round(values[::every], 2).tolist() for values in edges],
-        "line": [np.round(values[::every], 2).tolist() for values in (x, y)],
-        "open": False,
+        "line": [np.round(values[::every], 2).tolist() for values in (course.x, course.y)],
+        "open": not course.closed,
         "unit": "km/h" if powered else "m/s",
         "machine": "superbike" if powered else "bicycle",
-        **more,
     }
 
 
@@ -501,10 +487,9 @@ def corner_labels(course: RecordedCourse | None, corners: Sequence[Corner]) -> t
     """Number of each corner beside the track: outside of the corner, or where it is farthest from any part of it."""
     if course is None or not corners:
         return ()
-    heading, widths = _heading(course), {1.0: course.width_left, -1.0: course.width_right}
-    road = np.concatenate([np.stack(edge(course.x, course.y, heading, *side), 1) for side in widths.items()])
+    road = np.concatenate([np.stack(edge(course, side), 1) for side in (1.0, -1.0)])
     beside = max(LABEL_DISTANCE, LABEL_SHARE * float(np.ptp(road, axis=0).max()))
-    outside = {side: edge(course.x, course.y, heading, side, width + beside) for side, width in widths.items()}
+    outside = {side: edge(course, side, beside) for side in (1.0, -1.0)}
     labels = []
     for corner in corners:
         row = int(np.clip(np.searchsorted(course.s, corner.apex), 0, len(course.s) - 1))

@@ -12,7 +12,6 @@ from matplotlib import font_manager
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from bike_analysis.figures.laps import has_limits
 from bike_analysis.figures.numbers import lap_text
 from bike_analysis.figures.rides import Ride
 from bike_analysis.page.ride_view import edge, is_fast
@@ -193,14 +192,8 @@ class _Camera:
         places = progress + _AHEAD[powered]
         places = places if course.closed else places[(places >= 0.0) & (places <= course.s[-1])]
         period = course.length if course.closed else None
-        turn = np.unwrap(np.arctan2(np.gradient(course.y), np.gradient(course.x)))
-        widths = (
-            (course.width_left, course.width_right)
-            if course.width_left is not None and has_limits(course)
-            else (None, None)
-        )
-        columns = [*edge(course.x, course.y, turn, 1.0, widths[0]), *edge(course.x, course.y, turn, -1.0, widths[1])]
-        lines = np.stack([np.interp(places, course.s, c, period=period) for c in (*columns, course.x, course.y)], 1)
+        columns = (*edge(course, 1.0), *edge(course, -1.0), course.x, course.y)
+        lines = np.stack([np.interp(places, course.s, c, period=period) for c in columns], 1)
         left, right, middle = lines[:, :2], lines[:, 2:4], lines[:, 4:]
         side = (right - left) / np.hypot(*(right - left).T)[:, None]
         heading = np.unwrap(np.arctan2(*np.gradient(middle, axis=0).T))

@@ -328,6 +328,11 @@ class RecordedCourse:
     section_names: tuple[str, ...]
     section_starts: Floats
 
+    @property
+    def heading(self) -> Floats:
+        """Direction at the samples, rad, not wrapped."""
+        return np.asarray(np.unwrap(np.arctan2(np.gradient(self.y), np.gradient(self.x))), dtype=np.float64)
+
 
 @dataclass(frozen=True)
 class RecordedEvent:
