@@ -77,6 +77,7 @@ def analyze(
     page = None if out_dir is None else Path(out_dir) / PAGE_NAME
     _keep_recordings(given, [Path(path) for path in (page, csv, parquet, video and video.path) if path])
     recordings, unread = _open_all(given, namespace)
+    warnings = [text if len(recordings) == 1 else f"{r.path}: {text}" for r in recordings for text in r.warnings]
     comparisons, incomparable = _comparisons(recordings, station_m)
     several = [c for c in comparisons if len(c.runs) > 1]
     rides = [ride for recording in recordings for ride in recording.rides]
@@ -85,7 +86,7 @@ def analyze(
         "rides": [ride_entry(ride) for ride in rides],
         "comparisons": [comparison_figures(comparison) for comparison in several],
         "truncated": any(recording.truncated for recording in recordings),
-        "warnings": [*unread, *_warnings(recordings), *incomparable],
+        "warnings": [*unread, *warnings, *incomparable],
     }
     if page is not None:
         page.parent.mkdir(parents=True, exist_ok=True)
@@ -166,11 +167,6 @@ def _open_all(
     if not opened:
         raise failures[0] if failures else RecordingError("no recording was given")
     return opened, tuple(f"left out: {error}" for error in failures)
-
-
-def _warnings(recordings: Sequence[Recording]) -> list[str]:
-    one = len(recordings) == 1
-    return [text if one else f"{r.path}: {text}" for r in recordings for text in r.warnings]
 
 
 def _comparisons(recordings: Sequence[Recording], station_m: float | None) -> tuple[list[Comparison], list[str]]:

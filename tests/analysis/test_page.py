@@ -224,6 +224,20 @@ def test_every_plot_is_drawn_and_nothing_is_asked_for(opened: Opener, ride_page:
     asked = [params["request"]["url"] for params in sent if params["documentURL"] == ride_page.as_uri()]
     assert asked, "the performance log shows at least the page itself"
     assert not [url for url in asked if not url.startswith(("file:", "data:", "blob:"))]
+    blocked = browser.execute_async_script("""const done = arguments[0];
+      document.addEventListener("securitypolicyviolation", event => done(event.effectiveDirective));
+      fetch("http://127.0.0.1:9/").catch(() => {});""")
+    assert blocked == "connect-src", "the policy refuses requests"
+    browser.get_log("browser")  # the refusal is told there
+    for ticks, increment, texts in (
+        ([5, 7.5, 10], 2.5, ["5.0", "7.5", "10.0"]),
+        ([-0.25, 0.5], 0.25, ["−0.25", "0.50"]),
+        ([0, 20], 20, ["0", "20"]),
+        ([0.2, 0.4], 0.2, ["0.2", "0.4"]),
+    ):
+        values = "const { u } = document.querySelector('.view').view.parts.find(p => p.chart?.u?.axes[1].values).chart;"
+        values += "return u.axes[1].values(u, arguments[0], 1, 0, arguments[1]);"
+        assert browser.execute_script(values, ticks, increment) == texts
 
 
 def test_the_header_is_one_line_of_words_for_each_recording(
@@ -252,15 +266,6 @@ def test_a_recording_of_an_older_version_is_drawn(opened: Opener, old_recording:
     beside = inked_pixels(browser, "#comparison")
     assert {key for key, pixels in beside if pixels > 500} >= {"map", "error", "lean", "speed"}, beside
     assert not [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
-
-
-def test_the_policy_refuses_requests(opened: Opener, ride_page: Path) -> None:
-    browser = opened(ride_page)
-    blocked = browser.execute_async_script("""const done = arguments[0];
-      document.addEventListener("securitypolicyviolation", event => done(event.effectiveDirective));
-      fetch("http://127.0.0.1:9/").catch(() => {});""")
-    assert blocked == "connect-src"
-    browser.get_log("browser")  # the refusal is told there
 
 
 CURSOR = """
@@ -449,19 +454,6 @@ def test_a_phone_needs_no_horizontal_scrolling(opened: Opener, page: str, reques
       const tables = [...document.querySelectorAll(".scroll")];
       return tables.filter(table => table.scrollWidth > table.clientWidth).map(table => table.innerText);""")
     assert cut == []
-
-
-def test_ticks_say_where_they_stand(opened: Opener, ride_page: Path) -> None:
-    browser = opened(ride_page)
-    for ticks, increment, texts in (
-        ([5, 7.5, 10], 2.5, ["5.0", "7.5", "10.0"]),
-        ([-0.25, 0.5], 0.25, ["−0.25", "0.50"]),
-        ([0, 20], 20, ["0", "20"]),
-        ([0.2, 0.4], 0.2, ["0.2", "0.4"]),
-    ):
-        values = "const { u } = document.querySelector('.view').view.parts.find(p => p.chart?.u?.axes[1].values).chart;"
-        values += "return u.axes[1].values(u, arguments[0], 1, 0, arguments[1]);"
-        assert browser.execute_script(values, ticks, increment) == texts
 
 
 def test_a_finger_moves_the_cursor_and_two_zoom(opened: Opener, ride_page: Path) -> None:

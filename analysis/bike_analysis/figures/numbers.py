@@ -39,28 +39,16 @@ def rate(values: Floats, time_s: Floats) -> Floats:
     return found
 
 
-def best_times(laps: Iterable[Sequence[float | None]]) -> tuple[float | None, ...]:
-    """The best time of each sector, s.
+def best_sectors_together(laps: Iterable[Sequence[float | None]]) -> float | None:
+    """The sum of the best time of each sector, s: the theoretical best lap.
 
     Args:
         laps: Times of the sectors, one row per lap; None where a sector was not completed. Rows are of equal length.
 
     Returns:
-        One entry per sector; None where no lap completed it.
-    """
-    return tuple(min((t for t in times if t is not None), default=None) for times in zip(*laps, strict=True))
-
-
-def best_sectors_together(laps: Iterable[Sequence[float | None]]) -> float | None:
-    """The sum of the best time of each sector, s: the theoretical best lap.
-
-    Args:
-        laps: As in `best_times`.
-
-    Returns:
         The sum of the times as they are, none of them rounded; None unless every sector has a time.
     """
-    best = best_times(laps)
+    best = [min((t for t in times if t is not None), default=None) for times in zip(*laps, strict=True)]
     known = [time for time in best if time is not None]
     return float(sum(known)) if known and len(known) == len(best) else None
 

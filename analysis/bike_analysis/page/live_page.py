@@ -131,28 +131,27 @@ def render_live_page(
 
 
 def _controls(rider: str | None, powered: bool) -> str:
+    """Return the buttons; with pace and who rides where the page steers."""
     pause = '<button type="button" data-live="pause">Pause</button>'
     reset = '<button type="button" data-live="reset">Restart</button>'
-    hands = _hands(rider, powered) if rider is not None else ""
-    step = '<button type="button" data-live="step">Step</button>' if rider is not None else ""
+    step = hands = ""
+    if rider is not None:
+        step = '<button type="button" data-live="step">Step</button>'
+        paces = "".join(
+            f'<option value="{pace}"{" selected" if pace == "1" else ""}>{pace} ×</option>'
+            for pace in ("0.1", "0.25", "0.5", "1", "2", "4")
+        )
+        hands = (
+            f'<select aria-label="Pace of the ride">{paces}</select>'
+            '<fieldset class="switch"><legend>who rides</legend>'
+            f'<label><input type="radio" name="who" value="computer" checked>{escape(rider)}</label>'
+            '<label><input type="radio" name="who" value="hands">you</label></fieldset>'
+        )
+        if not powered:
+            hands += '<label class="balance"><input type="checkbox" checked> the computer balances</label>'
     return (
         f'<div class="live-bar" role="group" aria-label="The ride">{pause}{step}{reset}{hands}'
         '<p class="now live-state" role="status"></p></div>'
-    )
-
-
-def _hands(rider: str, powered: bool) -> str:
-    """Return pace and who rides."""
-    paces = "".join(
-        f'<option value="{pace}"{" selected" if pace == "1" else ""}>{pace} ×</option>'
-        for pace in ("0.1", "0.25", "0.5", "1", "2", "4")
-    )
-    balance = "" if powered else '<label class="balance"><input type="checkbox" checked> the computer balances</label>'
-    return (
-        f'<select aria-label="Pace of the ride">{paces}</select>'
-        '<fieldset class="switch"><legend>who rides</legend>'
-        f'<label><input type="radio" name="who" value="computer" checked>{escape(rider)}</label>'
-        f'<label><input type="radio" name="who" value="hands">you</label></fieldset>{balance}'
     )
 
 

@@ -90,14 +90,16 @@ def ride_view(ride: Ride, key: str, title: str) -> View:
     rows, fast = slice(0, len(ride.states)), is_fast(ride)
     columns = ride_columns(ride, rows, fast)
     corners = course_corners(ride.course)
-    faults = ride_faults(ride)
+    faults, off = ride_faults(ride), off_track(ride, beyond_limits(ride.states, ride.course))
+    ends = [marked(name, "x-thin", "orange", ride, at) for name, at in faults.items()]
+    ends = ends or [marked("end", "square", "ink", ride, [len(ride.states) - 1])]
     return View(
         key,
         title,
         (Series(ride.course.name if ride.course else "ride", columns),),
         panels_for(columns, fast),
         map_lines(ride),
-        ride_marks(ride, faults),
+        (marked("start", "triangle-up", "ink", ride, [0]), *ends, *([off] if off else [])),
         corner_labels(ride.course, corners) or section_labels(ride.course),
         course_sections(ride, columns["distance"]),
         tuple(name for name in ("error", "speed", "roll", "steer", "throttle") if name in columns),
@@ -416,16 +418,6 @@ def ride_faults(ride: Ride) -> dict[str, list[int]]:
         if rows:
             found[name] = rows
     return found
-
-
-def ride_marks(ride: Ride, faults: Mapping[str, list[int]]) -> tuple[Drawn, ...]:
-    """Marks of beginning and end, of faults, and of places where both wheels were beyond the limits."""
-    marks = [marked("start", "triangle-up", "ink", ride, [0])]
-    marks += [marked(name, "x-thin", "orange", ride, rows) for name, rows in faults.items()]
-    if len(marks) == 1:
-        marks.append(marked("end", "square", "ink", ride, [len(ride.states) - 1]))
-    off = off_track(ride, beyond_limits(ride.states, ride.course))
-    return tuple(marks if off is None else [*marks, off])
 
 
 def off_track(ride: Ride, outside: Floats) -> Drawn | None:

@@ -222,6 +222,10 @@ def series_colour(index: int) -> str:
 
 # ---- as HTML --------------------------------------------------------------------------------------------------------
 
+_FOLLOW: Final = (
+    '<figure class="follow" data-plot="follow"><canvas width="960" height="540" role="img" '
+    'aria-label="The ride seen from behind, at the cursor"></canvas></figure>'
+)
 _EXPORT: Final = '<span class="export"><button type="button" data-save aria-label="Save “@” as PNG">PNG</button></span>'
 
 
@@ -245,7 +249,7 @@ def view_html(view: View, pads: Sequence[str] = ()) -> str:
         [
             f'<div class="view" id="{escape(view.key)}-view">',
             _tools_html(view),
-            f'<div class="bench"><div class="side">{_follow_html(view)}{map_html}</div>',
+            f'<div class="bench"><div class="side">{"" if view.follow is None else _FOLLOW}{map_html}</div>',
             f'<div class="traces">{"".join(panels)}</div></div></div>',
         ]
     )
@@ -281,15 +285,6 @@ def _map_html(view: View) -> str:
         choice = '<label class="choice"><span>coloured by </span><select aria-label="The path is coloured by">'
         choice += f"{''.join(options)}</select></label>"
     return _figure("map", "Map", view.map_caption, "map", choice, '<div class="scale"></div>')
-
-
-def _follow_html(view: View) -> str:
-    if view.follow is None:
-        return ""
-    return (
-        '<figure class="follow" data-plot="follow"><canvas width="960" height="540" role="img" '
-        'aria-label="The ride seen from behind, at the cursor"></canvas></figure>'
-    )
 
 
 def _tools_html(view: View) -> str:
