@@ -13,21 +13,20 @@ imports only those before it. `report` is what ``bike analyze`` writes.
 """
 
 from bike_analysis.figures.compare import Comparison
+from bike_analysis.figures.laps import Lap
 from bike_analysis.figures.metrics import Figures, ride_figures
-from bike_analysis.figures.recorded import RecordedLap, RecordedRide, RideRecording, compare, open_ride
+from bike_analysis.figures.recorded import compare, open_ride
+from bike_analysis.figures.rides import Ride, find_rides
 from bike_analysis.read.container import RecordingError
 from bike_analysis.read.reading import Recording, read_recording
-from bike_analysis.read.rides import Ride, find_rides
 
 __all__ = [
     "Comparison",
     "Figures",
-    "RecordedLap",
-    "RecordedRide",
+    "Lap",
     "Recording",
     "RecordingError",
     "Ride",
-    "RideRecording",
     "compare",
     "find_rides",
     "open_ride",

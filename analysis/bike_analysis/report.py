@@ -12,14 +12,16 @@ from typing import Any, Final
 
 import pandas as pd
 
-from bike_analysis.figures.circuit import Theory, circuit_figures, ridden_circuit
+from bike_analysis.figures.circuit import Theory, circuit_figures
 from bike_analysis.figures.compare import Comparison, CourseError
-from bike_analysis.figures.recorded import RecordedLap, RecordedRide, RideRecording, comparable, compare, open_ride
+from bike_analysis.figures.laps import Lap
+from bike_analysis.figures.recorded import comparable, compare, open_ride
 from bike_analysis.figures.results import comparison_figures, finite, recording_figures, ride_entry
+from bike_analysis.figures.rides import Ride
 from bike_analysis.page.ride_page import write_page
 from bike_analysis.page.video import write_video
 from bike_analysis.read.container import METADATA_FILE, RecordingError, find_files
-from bike_sim.course.track import Track
+from bike_analysis.read.reading import Recording
 
 PAGE_NAME: Final = "ride.html"
 LAP_PAGE_NAME: Final = "lap.html"
@@ -75,6 +77,7 @@ def analyze(
     page = None if out_dir is None else Path(out_dir) / PAGE_NAME
     _keep_recordings(given, [Path(path) for path in (page, csv, parquet, video and video.path) if path])
     recordings, unread = _open_all(given, namespace)
+    warnings = [text if len(recordings) == 1 else f"{r.path}: {text}" for r in recordings for text in r.warnings]
     comparisons, incomparable = _comparisons(recordings, station_m)
     several = [c for c in comparisons if len(c.runs) > 1]
     rides = [ride for recording in recordings for ride in recording.rides]
@@ -82,8 +85,8 @@ def analyze(
         "recordings": [recording_figures(recording) for recording in recordings],
         "rides": [ride_entry(ride) for ride in rides],
         "comparisons": [comparison_figures(comparison) for comparison in several],
-        "truncated": any(recording.data.truncated for recording in recordings),
-        "warnings": [*unread, *_warnings(recordings), *incomparable],
+        "truncated": any(recording.truncated for recording in recordings),
+        "warnings": [*unread, *warnings, *incomparable],
     }
     if page is not None:
         page.parent.mkdir(parents=True, exist_ok=True)
@@ -100,15 +103,12 @@ def analyze(
     return plain
 
 
-def analyze_laps(
-    path: str | os.PathLike[str], track: Track, theory: Theory, out_dir: Path | None = None
-) -> dict[str, Any]:
+def analyze_laps(path: str | os.PathLike[str], theory: Theory, out_dir: Path | None = None) -> dict[str, Any]:
     """Analyze laps on a circuit beside the theoretical one, and write their page.
 
     Args:
         path: The recording; its first ride counts.
-        track: The circuit that was ridden.
-        theory: The theoretical lap.
+        theory: The theoretical lap of the circuit that was ridden.
         out_dir: Where to write ``lap.html``; nothing is written without it. It is created.
 
     Returns:
@@ -117,17 +117,14 @@ def analyze_laps(
     Raises:
         FileNotFoundError: If there is no such recording.
         RecordingError: If it is not a recording.
-        ValueError: If its states are not on the circuit.
         OSError: If the page cannot be written.
     """
     recording = open_ride(path)
-    ride = recording.rides[0]
-    circuit = ridden_circuit(recording.data, ride.data, track, theory)
-    figures = circuit_figures(recording.data, ride.data, circuit)
+    ride, figures = recording.rides[0], circuit_figures(recording, theory)
     if out_dir is not None:
         out_dir.mkdir(parents=True, exist_ok=True)
         laps = compare(ride.laps or [ride])
-        figures["page"] = str(write_page([recording], out_dir / LAP_PAGE_NAME, laps, circuit))
+        figures["page"] = str(write_page([recording], out_dir / LAP_PAGE_NAME, laps, theory))
     return figures
 
 
@@ -149,13 +146,13 @@ def _keep_recordings(recordings: Sequence[str | os.PathLike[str]], written: Sequ
 
 def _open_all(
     paths: Sequence[str | os.PathLike[str]], namespace: str | None
-) -> tuple[list[RideRecording], tuple[str, ...]]:
+) -> tuple[list[Recording], tuple[str, ...]]:
     """Open recordings; those that cannot be read become sentences, unless none can.
 
     Raises:
         RecordingError, OSError: That of the first file, if no file can be read.
     """
-    opened: list[RideRecording] = []
+    opened: list[Recording] = []
     failures: list[RecordingError | OSError] = []
     for path in paths:
         try:
@@ -172,20 +169,15 @@ def _open_all(
     return opened, tuple(f"left out: {error}" for error in failures)
 
 
-def _warnings(recordings: Sequence[RideRecording]) -> list[str]:
-    one = len(recordings) == 1
-    return [text if one else f"{r.path}: {text}" for r in recordings for text in r.warnings]
-
-
-def _comparisons(recordings: Sequence[RideRecording], station_m: float | None) -> tuple[list[Comparison], list[str]]:
+def _comparisons(recordings: Sequence[Recording], station_m: float | None) -> tuple[list[Comparison], list[str]]:
     """Compare rides on the same course; sentences for those that cannot be compared.
 
     Raises:
         ValueError: If `station_m` is not positive.
     """
-    groups: dict[str, list[RecordedRide | RecordedLap]] = {}
+    groups: dict[str, list[Ride | Lap]] = {}
     for item in comparable(recordings):
-        course = item.ride.course if isinstance(item, RecordedLap) else item.course
+        course = item.ride.course if isinstance(item, Lap) else item.course
         groups.setdefault(course.name if course is not None else "", []).append(item)
     found, incomparable = [], []
     for items in groups.values():

@@ -66,9 +66,9 @@ class Messages:
             return self.make(detail)
         if kind.name == "BASE":
             return {"string": "", "bool": False}.get(detail[0], 0)
-        inner = detail[0]
-        numeric = inner[0].name == "BASE" and inner[1][0] != "string"
-        return np.empty(0, dtype=inner[1][0]) if numeric else []
+        (inner, of), count = detail
+        numeric = inner.name == "BASE" and of[0] != "string"
+        return np.zeros(count if kind.name == "ARRAY" else 0, dtype=of[0]) if numeric else []
 
     def header(self, time_s: float) -> Any:
         nanoseconds = round(time_s * 1e9)
@@ -91,6 +91,7 @@ class SyntheticRide:
     delay: int = 0
     skip_steps: frozenset[int] = frozenset()
     latency_ms: tuple[float, float] | None = None
+    stamps: Any = None
 
     @property
     def steps(self) -> int:
@@ -157,7 +158,7 @@ class EpisodeWriter:
         if ride.course is not None:
             self._put(recorder, "/bike/course", ride.start_s, episode=ride.episode, **ride.course)
         for step in range(ride.steps):
-            time_s = ride.start_s + PERIOD * step
+            time_s = ride.start_s + PERIOD * step if ride.stamps is None else float(ride.stamps[step])
             values = {name: _plain(column[step]) for name, column in ride.states.items()}
             header = {"episode": ride.episode, "step": step}
             if step not in ride.skip_steps:

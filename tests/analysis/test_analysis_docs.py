@@ -95,8 +95,8 @@ def test_suspension_is_read_from_the_signals_of_the_states(with_telemetry: Path)
     table = ride.table()
     for name in SUSPENSION.columns:
         assert set(table[name]) == {float(SIGNALS.columns.index(name))}
-    view = ride_view(ride.data, "ride", "ride")
-    assert {"travel", "damper", "pitch", "twist", "chain"} <= {panel.key for panel in view.panels}
+    view = ride_view(ride, "ride", "ride")
+    assert {"travel", "damper", "pitch", "twist", "chain"} <= {panel["key"] for panel in view.panels}
     columns = view.series[0].columns
     assert columns["fork_speed"][0] == 1e3 * SIGNALS.index("fork_speed")
     assert {"fork_speed-histogram", "shock_speed-histogram"} <= {found["key"] for found in histograms(view.series)}

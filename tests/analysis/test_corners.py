@@ -126,7 +126,7 @@ def test_an_old_recording_without_telemetry_still_makes_a_lap_page(writer: Any, 
     from bike_analysis.page.ride_view import ride_view
 
     ride = circle(steps=300, speed=20.0)
-    data = ride_view(open_ride(writer.write(tmp_path / "old.mcap", [ride])).rides[0].data, "old", "old").data()
+    data = ride_view(open_ride(writer.write(tmp_path / "old.mcap", [ride])).rides[0], "old", "old").data()
     keys = [panel["key"] for panel in data["panels"]]
     assert not {"grip", "slip", "throttle"} & set(keys)
     assert {"error", "lean", "speed", "roll_rate", "torque"} <= set(keys)

@@ -11,10 +11,10 @@ import pytest
 
 from bike_analysis import compare, open_ride
 from bike_analysis.page.ride_view import ride_view
-from bike_sim.course.projection import SampledLine, project
+from tests.beside import arc, beside
 
 PERIOD = 0.05  # s
-LENGTH, SPACING = 30.0, 0.1  # m
+LENGTH = 30.0  # m
 OF_THE_RECORDING = {"steps"}
 """Figures that tell of the recording and not of the ride."""
 
@@ -24,29 +24,14 @@ def open_ride_of(circle):
     """Make a ride beside an open course, a line or a curve to the left, that stops some states behind its end."""
 
     def make(radius: float = math.inf, speed: float = 4.0, behind: int = 1, offset: float = 0.03) -> Any:
-        def line(way: np.ndarray, left: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            base = np.clip(way, 0.0, LENGTH)
-            heading = base / radius
-            x = base if math.isinf(radius) else radius * np.sin(heading)
-            y = 0.0 * base if math.isinf(radius) else radius * (1.0 - np.cos(heading))
-            beyond = way - base
-            x = x + beyond * np.cos(heading) - left * np.sin(heading)
-            return x, y + beyond * np.sin(heading) + left * np.cos(heading), heading
-
-        s = np.linspace(0.0, LENGTH, round(LENGTH / SPACING) + 1)
-        course_x, course_y, course_heading = line(s)
+        course = arc(LENGTH, radius)
         # A state lies 0.02 m behind the start, so that none lies on the finish.
         way = 0.02 + speed * PERIOD * np.arange(math.ceil((LENGTH - 0.02) / (speed * PERIOD)) + behind)
-        places = {"": line(way, offset), "front_": line(way + 1.0, offset)}
-        states: dict[str, Any] = {}
-        for name, (x, y, _) in places.items():
-            near = np.minimum(way + (1.0 if name else 0.0), LENGTH)
-            samples = SampledLine(course_x, course_y, course_heading, 0.0 * course_x, SPACING, False)
-            found = [project(samples, x[k], y[k], near[k], 1.0, 3.0) for k in range(len(way))]
-            progress, lateral, _ = np.array(found).T
-            states |= {f"{name}x": x, f"{name}y": y, f"{name}progress": progress, f"{name}lateral_error": lateral}
+        states: dict[str, Any] = beside(course, way, offset)
         states |= {
-            "yaw": places[""][2],
+            f"front_{name}": column for name, column in beside(course, way + 1.0, offset).items() if name != "yaw"
+        }
+        states |= {
             "roll": -0.01 * np.arange(len(way)),
             "speed": np.full(len(way), speed),
             "course_length": np.full(len(way), LENGTH),
@@ -58,9 +43,9 @@ def open_ride_of(circle):
         ride = circle(steps=len(way))
         ride.states = states
         ride.course = ride.course | {
-            **{"name": "open", "closed": False, "length": LENGTH, "s": s, "x": course_x, "y": course_y},
-            **{"curvature": np.full(len(s), 1.0 / radius), "section_starts": np.array([0.0, 0.5 * LENGTH])},
-            **{"width_left": np.full(len(s), 0.02), "width_right": np.full(len(s), 1.0)},
+            **{"name": "open", "closed": False, "length": LENGTH, "section_starts": np.array([0.0, 0.5 * LENGTH])},
+            **{name: getattr(course, name) for name in ("s", "x", "y", "curvature")},
+            **{"width_left": np.full(len(course.s), 0.02), "width_right": np.full(len(course.s), 1.0)},
         }
         return ride
 
@@ -129,4 +114,4 @@ def test_a_ride_that_stops_before_the_finish_is_judged_whole(writer, open_ride_o
     ride = open_ride_of()
     ride.states = {name: column[:-5] for name, column in ride.states.items()}
     recorded = open_ride(writer.write(tmp_path / "ride.mcap", [ride])).rides[0]
-    assert recorded.evaluated is recorded.data
+    assert recorded.evaluated is recorded

@@ -35,56 +35,32 @@ def foreign(messages, tmp_path_factory: pytest.TempPathFactory):
     for name in (ODOMETRY, IMU, FIX):
         messages.learn(name)
 
-    def quaternion(roll: float, yaw: float) -> Any:
-        make = messages.make
-        parts = {
-            "x": np.cos(yaw / 2) * np.sin(roll / 2),
-            "y": np.sin(yaw / 2) * np.sin(roll / 2),
-            "z": np.sin(yaw / 2) * np.cos(roll / 2),
-            "w": np.cos(yaw / 2) * np.cos(roll / 2),
-        }
-        return make("geometry_msgs/msg/Quaternion", **parts)
+    def put(message: Any, **values: float) -> None:
+        for name, value in values.items():
+            setattr(message, name, value)
 
-    def vector(**values: float) -> Any:
-        return messages.make("geometry_msgs/msg/Vector3", **values)
+    def turn(orientation: Any, roll: float, yaw: float) -> None:
+        (a, b), (c, d) = ((np.cos(angle / 2), np.sin(angle / 2)) for angle in (roll, yaw))
+        put(orientation, x=c * b, y=d * b, z=d * a, w=c * a)
 
     def odometry(time: float) -> Any:
-        make, angle = messages.make, 5.0 * time / 20.0
-        place = make("geometry_msgs/msg/Point", x=20 * np.sin(angle), y=20 - 20 * np.cos(angle))
-        pose = make("geometry_msgs/msg/Pose", position=place, orientation=quaternion(-0.2, angle))
-        twist = make("geometry_msgs/msg/Twist", linear=vector(x=5.0), angular=vector(z=0.25))
-        none = np.zeros(36)
-        return make(
-            ODOMETRY,
-            header=messages.header(time + 1.0),
-            pose=make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=none),
-            twist=make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=none),
-        )
+        message, angle = messages.make(ODOMETRY, header=messages.header(time + 1.0)), 0.25 * time
+        put(message.pose.pose.position, x=20 * np.sin(angle), y=20 - 20 * np.cos(angle))
+        turn(message.pose.pose.orientation, -0.2, angle)
+        message.twist.twist.linear.x, message.twist.twist.angular.z = 5.0, 0.25
+        return message
 
     def imu(time: float) -> Any:
-        none = {f"{n}_covariance": np.zeros(9) for n in ("orientation", "angular_velocity", "linear_acceleration")}
-        return messages.make(
-            IMU,
-            header=messages.header(time + 1.0),
-            orientation=quaternion(-0.2, 0.25 * time),
-            angular_velocity=vector(x=0.05 * np.cos(time), z=0.25),
-            **none,
-        )
+        message = messages.make(IMU, header=messages.header(time + 1.0))
+        turn(message.orientation, -0.2, 0.25 * time)
+        put(message.angular_velocity, x=0.05 * np.cos(time), z=0.25)
+        return message
 
     def fix(time: float) -> Any:
-        angle = 5.0 * time / 20.0
-        east, north = 20 * np.sin(angle), 20 - 20 * np.cos(angle)
-        latitude = 47.0 + np.degrees(north / EARTH_RADIUS)
-        longitude = 11.0 + np.degrees(east / EARTH_RADIUS / np.cos(np.radians(47.0)))
-        status = messages.make("sensor_msgs/msg/NavSatStatus")
-        return messages.make(
-            FIX,
-            header=messages.header(time + 1.0),
-            status=status,
-            latitude=latitude,
-            longitude=longitude,
-            position_covariance=np.zeros(9),
-        )
+        message, angle = messages.make(FIX, header=messages.header(time + 1.0)), 0.25 * time
+        message.latitude = 47.0 + np.degrees((20 - 20 * np.cos(angle)) / EARTH_RADIUS)
+        message.longitude = 11.0 + np.degrees(20 * np.sin(angle) / EARTH_RADIUS / np.cos(np.radians(47.0)))
+        return message
 
     makers = {ODOMETRY: ("/odom", odometry), IMU: ("/imu/data", imu), FIX: ("/fix", fix)}
     folder = tmp_path_factory.mktemp("foreign")
@@ -114,7 +90,7 @@ def foreign(messages, tmp_path_factory: pytest.TempPathFactory):
 def test_odometry_and_imu_make_a_ride(foreign) -> None:
     recording = open_ride(foreign(ODOMETRY, IMU))
     (ride,) = recording.rides
-    states, time = ride.data.states, ride.data.time
+    states, time = ride.states, ride.time
     np.testing.assert_allclose(states.x, 20 * np.sin(0.25 * time), atol=1e-9)
     np.testing.assert_allclose(states.yaw, 0.25 * time, atol=1e-9)
     np.testing.assert_allclose(states.roll, -0.2, atol=1e-9)
@@ -133,7 +109,7 @@ def test_odometry_and_imu_make_a_ride(foreign) -> None:
 
 def test_satellite_and_imu_give_place_speed_and_lean(foreign) -> None:
     (ride,) = open_ride(foreign(FIX, IMU)).rides
-    states, time = ride.data.states, ride.data.time
+    states, time = ride.states, ride.time
     np.testing.assert_allclose(states.x, 20 * np.sin(0.25 * time), atol=1e-3)
     np.testing.assert_allclose(states.y, 20 - 20 * np.cos(0.25 * time), atol=1e-3)
     np.testing.assert_allclose(states.speed[1:-1], 5.0, rtol=2e-3)
@@ -146,7 +122,7 @@ def test_a_receiver_without_a_fix_has_no_place(foreign) -> None:
             message.status.status, message.latitude, message.longitude = -1, 0.0, 0.0
 
     (ride,) = open_ride(foreign(FIX, change=lose)).rides
-    states, time = ride.data.states, ride.data.time
+    states, time = ride.states, ride.time
     early = time < 2.0 - 1e-6
     assert np.isnan(states.x[early]).all()
     assert np.isnan(states.y[early]).all()
@@ -154,7 +130,7 @@ def test_a_receiver_without_a_fix_has_no_place(foreign) -> None:
     heading = states.yaw[~early][2:-1]
     np.testing.assert_allclose(np.diff(heading), 0.25 / RATE, rtol=0.05)
     (never,) = open_ride(foreign(FIX, change=lose, seconds=1.0)).rides
-    assert np.isnan(never.data.states.x).all()
+    assert np.isnan(never.states.x).all()
 
 
 @pytest.mark.parametrize("known_from", [np.inf, 3.0, 0.05])
@@ -167,8 +143,8 @@ def test_stamps_of_zero_are_no_times(foreign, known_from: float) -> None:
             message.header.stamp.sec = message.header.stamp.nanosec = 0
 
     (ride,) = open_ride(foreign(ODOMETRY, change=forget)).rides
-    np.testing.assert_allclose(ride.data.time, np.arange(200) / RATE, atol=1e-6)
-    assert ride.data.states.time_s[0] == pytest.approx(1.0 if known_from == np.inf else 1001.0)
+    np.testing.assert_allclose(ride.time, np.arange(200) / RATE, atol=1e-6)
+    assert ride.states.time_s[0] == pytest.approx(1.0 if known_from == np.inf else 1001.0)
     assert ride.figures.speed_mean_m_s == pytest.approx(5.0)
 
 
@@ -214,7 +190,7 @@ def test_fields_of_other_types_are_read_where_they_are_numbers(tmp_path: Path) -
         (3).to_bytes(4, "little") + b"hi\0\0" + (1).to_bytes(4, "little") + bytes(4) + np.ones(1).tobytes() + b"\3"
     )
     recording = open_ride(other_version(tmp_path / "v.mcap", fields, payload))
-    states = recording.rides[0].data.states
+    states = recording.rides[0].states
     assert (states.x[0], states.y[0], states.lateral_error[0]) == (1.5, -2.0, 3.0)
     assert np.isnan(states.roll).all()
     assert np.isnan(states.speed).all()
@@ -333,7 +309,7 @@ def test_what_cannot_be_worked_out_names_its_file_and_leaves_the_others(
             raise ValueError("array of sample points is empty")
         return ride_figures(ride)
 
-    monkeypatch.setattr("bike_analysis.figures.recorded.ride_figures", figures)
+    monkeypatch.setattr("bike_analysis.figures.metrics.ride_figures", figures)
     for paths, code in ((["bad.mcap"], 2), (["bad.mcap", "good.mcap"], 1)):
         numbers = itertools.count()
         assert main(["analyze", *(str(tmp_path / path) for path in paths), "--json"]) == code

@@ -37,7 +37,7 @@ def test_lap_times_are_interpolated_below_the_step(ride_of, circle, speed: float
     assert len(ride.laps) == int(speed * 0.05 * 999 / LENGTH)
     for number, lap in enumerate(ride.laps):
         assert lap.duration_s == pytest.approx(LENGTH / speed, abs=1e-9)
-        assert lap.data.begin_s == pytest.approx(number * LENGTH / speed, abs=1e-9)
+        assert lap.begin_s == pytest.approx(number * LENGTH / speed, abs=1e-9)
         assert lap.sectors_s == pytest.approx((0.5 * LENGTH / speed,) * 2, abs=1e-9)
     assert ride.best_lap.duration_s == ride.figures.best_lap_s == min(lap.duration_s for lap in ride.laps)
 
@@ -57,7 +57,7 @@ def test_lines_count_once_and_only_whole_laps(
     near = (lines >= progress[0] - 0.05) & (lines <= farthest[-1])
     assert len(found.laps) == max(int(near.sum()) - 1, 0)
     for lap, begin in zip(found.laps, lines[near], strict=False):
-        assert lap.data.begin_m == pytest.approx(begin)
+        assert lap.begin_m == pytest.approx(begin)
         assert sum(lap.sectors_s) == pytest.approx(lap.duration_s)
 
 
@@ -70,10 +70,10 @@ def test_recorded_events_are_preferred(ride_of, circle) -> None:
         for kind, time, value in kinds
     ]
     first, second = ride_of(circle(steps=800, events=events)).laps
-    assert first.data.from_events
+    assert first.from_events
     assert first.duration_s == lap_s + 0.003
     assert first.sectors_s == (half_s + 0.001, half_s + 0.002)
-    assert not second.data.from_events
+    assert not second.from_events
     assert second.duration_s == pytest.approx(lap_s)
 
 
@@ -186,8 +186,8 @@ def test_laps_have_the_numbers_of_the_events_in_all_reports(writer, circle, ring
     path = writer.write(tmp_path / "lap.mcap", [ride])
     found = open_ride(path).rides[0].laps
     s = np.linspace(0.0, LENGTH, 50)
-    theory = Theory(s, np.full(50, 6.0), 0.0 * s, 0.0 * s, LENGTH / 6.0, (0.5 * LENGTH / 6.0,) * 2)
-    lap = analyze_laps(path, ring, theory, tmp_path)
+    theory = Theory(ring, s, np.full(50, 6.0), 0.0 * s, 0.0 * s, LENGTH / 6.0, (0.5 * LENGTH / 6.0,) * 2)
+    lap = analyze_laps(path, theory, tmp_path)
     assert lap["laps_s"] == pytest.approx([LENGTH / 4.0] * 3, abs=1e-2)
     assert lap["lap_s"] == min(lap["laps_s"])
     assert lap["out_lap_s"] == pytest.approx(found[0].duration_s, abs=1e-3)

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from bike_analysis import find_rides, read_recording, ride_figures
 from bike_analysis.figures.metrics import Figures, latency_figures
 from bike_analysis.figures.numbers import command_ages, rate
+from bike_analysis.figures.rides import Ride
 from bike_analysis.read.messages import Latency
-from bike_analysis.read.rides import Ride
 
 
 @pytest.fixture
@@ -32,9 +32,7 @@ def ride_of(writer, tmp_path: Path):
 def test_circle_at_constant_offset(ride_of, circle) -> None:
     """0.3 m inside a circle of 10 m, 399 steps of 0.05 s at 4 m/s of progress."""
     _, (figures,) = ride_of(circle(steps=400, radius=10.0, offset=0.3, speed=4.0))
-    assert figures.mean_error_m == pytest.approx(0.3)
-    assert figures.max_error_m == pytest.approx(0.3)
-    assert figures.rms_error_m == pytest.approx(0.3)
+    assert (figures.mean_error_m, figures.max_error_m, figures.rms_error_m) == pytest.approx((0.3,) * 3)
     assert figures.duration_s == pytest.approx(399 * 0.05)
     chord = 2 * 9.7 * np.sin(0.5 * 4.0 * 0.05 / 10.0)  # the driven circle has a radius of 9.7 m
     assert figures.distance_m == pytest.approx(399 * chord)
@@ -50,10 +48,8 @@ def test_offset_that_changes_sign_and_size(ride_of, circle) -> None:
     """+0.1, -0.2, +0.3, -0.4 over and over: mean 0.25, maximum 0.4, RMS sqrt(0.075)."""
     offset = np.tile([0.1, -0.2, 0.3, -0.4], 50)
     _, (figures,) = ride_of(circle(steps=200, offset=offset))
-    assert figures.mean_error_m == pytest.approx(0.25)
-    assert figures.max_error_m == pytest.approx(0.4)
-    assert figures.rms_error_m == pytest.approx(np.sqrt(0.075))
-    assert figures.max_error_at_m == pytest.approx(3 * 0.2)
+    errors = (figures.mean_error_m, figures.max_error_m, figures.rms_error_m, figures.max_error_at_m)
+    assert errors == pytest.approx((0.25, 0.4, np.sqrt(0.075), 3 * 0.2))
 
 
 def test_sections(ride_of, circle) -> None:
@@ -84,13 +80,10 @@ def test_fall_and_off_course(ride_of, circle) -> None:
     assert [f.falls for f in figures] == [1, 0, 1]
     assert [f.off_course for f in figures] == [0, 1, 0]
     assert not any(f.completed for f in figures)
-
-
-def test_a_fall_after_the_finish_does_not_undo_it(ride_of, circle) -> None:
     ride = circle(steps=400)  # the lap is full after 315 steps
     ride.states["fallen"] = np.arange(400) >= 390
-    _, (figures,) = ride_of(ride)
-    assert (figures.ended_by, figures.completed, figures.falls) == ("finished", True, 1)
+    _, (after,) = ride_of(ride)
+    assert (after.ended_by, after.completed, after.falls) == ("finished", True, 1)
 
 
 def test_rides_are_found_also_after_a_restart(ride_of, circle) -> None:
@@ -102,10 +95,7 @@ def test_rides_are_found_also_after_a_restart(ride_of, circle) -> None:
     assert [len(ride.commands) for ride in rides] == [39, 19, 29]
     assert [f.course for f in figures] == ["circle", "circle", "another circle"]
     assert [f.mean_error_m for f in figures] == pytest.approx([0.3, 0.3, 0.5])
-
-
-def test_events_at_a_restart_go_to_the_right_ride(ride_of, circle) -> None:
-    """The simulator is started anew within its first episode, right after a fall."""
+    # started anew within its first episode, right after a fall
     falling = circle(steps=30, events=[{"step": 0, "kind": 0}, {"step": 29, "kind": 1, "text": "fell"}])
     fresh = circle(steps=20, start_s=0.5, events=[{"step": 0, "kind": 0}])
     rides, figures = ride_of(falling, fresh)
@@ -129,10 +119,8 @@ def test_lost_and_repeated_states(ride_of, circle) -> None:
 def test_command_delay(delay: int, ride_of, circle) -> None:
     """The command that answers state k is applied in the step that begins with state k + delay."""
     _, (figures,) = ride_of(circle(steps=60, delay=delay))
-    assert figures.command_delay_mean_steps == pytest.approx(delay)
-    assert figures.command_delay_max_steps == delay
-    assert figures.command_delay_mean_s == pytest.approx(delay * 0.05)
-    assert figures.command_delay_max_s == pytest.approx(delay * 0.05)
+    assert (figures.command_delay_mean_steps, figures.command_delay_max_steps) == pytest.approx((delay, delay))
+    assert (figures.command_delay_mean_s, figures.command_delay_max_s) == pytest.approx((delay * 0.05,) * 2)
     assert figures.unanswered_states == delay
 
 
@@ -141,10 +129,7 @@ def test_latency_from_diagnostics(ride_of, circle) -> None:
     assert figures[0].latency_median_s == pytest.approx(6e-5)
     assert figures[0].latency_p99_s == pytest.approx(3.1e-4)
     assert figures[1].latency_median_s is None
-
-
-def test_latency_is_that_of_the_last_report() -> None:
-    """Each report is over all answers so far; the first is over the slow very first answer alone."""
+    # Each report is over all answers so far; the first is over the slow very first answer alone.
     reports = [Latency(1, 0.567, 0.567), Latency(2, 1e-4, 0.02), Latency(3, 1.1e-4, 5.39e-3)]
     assert latency_figures(tuple(reports)) == (1.1e-4, 5.39e-3)
     assert latency_figures((*reports, Latency(4, np.nan, np.nan))) == (1.1e-4, 5.39e-3)
@@ -183,14 +168,9 @@ def test_line_is_recovered_where_no_course_was_recorded(ride_of, circle) -> None
     (read,), (figures,) = ride_of(ride, topics=["/bike/state", "/bike/command"])
     assert figures.course is None
     assert figures.sections == []
+    assert json.loads(json.dumps(figures, allow_nan=False))["max_error_m"] == pytest.approx(0.5)
     x, y = read.reference_line()
     np.testing.assert_allclose(np.hypot(x, y - 10.0), 10.0, atol=1e-12)
-
-
-def test_figures_are_plain_json(ride_of, circle) -> None:
-    _, (figures,) = ride_of(circle(steps=30), topics=["/bike/state"])
-    text = json.dumps(figures, allow_nan=False)
-    assert json.loads(text)["mean_error_m"] == pytest.approx(0.3)
 
 
 @settings(max_examples=20)

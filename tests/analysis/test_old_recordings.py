@@ -38,12 +38,12 @@ def test_its_messages_are_not_those_of_today(old_recording: Path, name: str) -> 
 def test_it_is_read_without_a_warning(old_recording: Path) -> None:
     recording = open_ride(old_recording)
     assert recording.warnings == ()
-    assert (recording.vehicle, recording.data.simulations) == ("whipple", ())
+    assert (recording.vehicle, recording.simulations) == ("whipple", ())
     (ride,) = recording.rides
     assert ride.course is not None
     assert (ride.course.name, len(ride.course.section_names)) == ("oval", 4)
-    assert len(recording.laps) == 1
-    states, told = ride.data.states, next(event for event in ride.data.events if event.kind == "lap")
+    assert len(ride.laps) == 1
+    states, told = ride.states, next(event for event in ride.events if event.kind == "lap")
     passed = float(np.interp(ride.course.length, states.progress, states.time_s - states.time_s[0]))
     assert ride.figures.best_lap_s == pytest.approx(told.value)
     assert passed == pytest.approx(told.value, abs=1e-3), "time at which the line was crossed, from the states"

@@ -318,24 +318,8 @@ def test_recordings_without_our_topics(tmp_path: Path, writer, circle) -> None:
         read_recording(tmp_path / "json.mcap")
 
 
-def write_with_stamps(path: Path, writer, ride, stamps) -> Path:
-    """A ride in lockstep whose states and commands have these stamps."""
-    columns = {name: column.tolist() for name, column in ride.states.items()}
-    with RideRecorder(path, overwrite=True) as recorder:
-        for topic, kind in (("state", "BikeState"), ("command", "BikeCommand"), ("course", "Course")):
-            recorder.add_topic(f"/bike/{topic}", f"bike_msgs/msg/{kind}")
-        writer._put(recorder, "/bike/course", 1.0, episode=1, **ride.course)
-        for step, stamp in enumerate(stamps):
-            values = {name: column[step] for name, column in columns.items()}
-            writer._put(recorder, "/bike/state", stamp, episode=1, step=step, control_period=0.05, **values)
-            answer = columns["steering_command"][min(step + 1, len(stamps) - 1)]
-            writer._put(recorder, "/bike/command", stamp, episode=1, step=step, steering=answer)
-    return path
-
-
 @pytest.mark.parametrize("fault", ["set back", "set forward and back", "shuffled", "backwards"])
 def test_a_clock_that_goes_back_does_not_shorten_a_lap(writer, circle, tmp_path: Path, fault: str) -> None:
-    ride = circle(steps=700)
     right = 30.0 + 0.05 * np.arange(700)
     wrong = {
         "set back": right - np.where(np.arange(700) >= 450, 20.0, 0.0),
@@ -343,16 +327,17 @@ def test_a_clock_that_goes_back_does_not_shorten_a_lap(writer, circle, tmp_path:
         "shuffled": np.random.default_rng(1).permutation(right),
         "backwards": right[::-1],
     }[fault]
-    (expected,) = open_ride(write_with_stamps(tmp_path / "right.mcap", writer, ride, right)).rides
-    recording = open_ride(write_with_stamps(tmp_path / "wrong.mcap", writer, ride, wrong))
-    (found,) = recording.rides
+    (expected,), (found,) = (
+        open_ride(writer.write(tmp_path / f"{name}.mcap", [circle(steps=700, stamps=stamps)])).rides
+        for name, stamps in (("right", right), ("wrong", wrong))
+    )
     assert expected.recording.warnings == ()
     assert [lap.duration_s for lap in found.laps] == pytest.approx([lap.duration_s for lap in expected.laps])
     assert len(found.laps) == 2
     assert found.figures.duration_s == pytest.approx(0.05 * 699)
     assert found.figures.command_delay_max_s == pytest.approx(0.0)
-    assert found.data.states.time_s[0] == pytest.approx(wrong[0])
-    (told,) = recording.warnings
+    assert found.states.time_s[0] == pytest.approx(wrong[0])
+    (told,) = found.recording.warnings
     assert told.startswith("the stamps of ride 1 go back in time ")
     if fault == "set back":
         assert told.endswith(" once, first after step 449: its time is counted from its steps")

@@ -1,5 +1,6 @@
 """Queries of a course without its columns, and circuits made by formula."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -58,18 +59,7 @@ class Shapes:
         """Return a flat circuit of constant width."""
         half = np.full(len(centre.s), 0.5 * width)
         thirds = tuple((f"sector {i + 1}", i * centre.length / 3.0) for i in range(3))
-        centre = Course(
-            centre.name,
-            centre.s,
-            centre.x,
-            centre.y,
-            centre.heading,
-            centre.curvature,
-            True,
-            width_left=half,
-            width_right=half.copy(),
-            sections=thirds,
-        )
+        centre = dataclasses.replace(centre, closed=True, width_left=half, width_right=half.copy(), sections=thirds)
         left, right = wall_distances(centre, RunOff())
         return Track(centre, np.zeros(len(half)), left, right, find_corners(centre))
 

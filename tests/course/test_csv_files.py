@@ -61,7 +61,7 @@ def test_every_spelling_gives_the_same_course(load, text):
         np.testing.assert_allclose(getattr(course, column), getattr(expected, column), atol=1e-9, err_msg=column)
 
 
-def test_circle_is_smoothed_to_a_circle(load):
+def test_circle_is_smoothed_to_a_circle_with_its_limits_on_their_sides(load):
     course = load(SAME_FILE["bare"])
     assert course.length == pytest.approx(2.0 * math.pi * RADIUS, rel=1e-6)
     np.testing.assert_allclose(np.hypot(course.x, course.y), RADIUS, atol=1e-3)
@@ -70,24 +70,16 @@ def test_circle_is_smoothed_to_a_circle(load):
     assert course.heading[0] == pytest.approx(math.pi / 2.0, abs=1e-6)
     assert course.heading[-1] - course.heading[0] == pytest.approx(2.0 * math.pi, abs=1e-9)
     assert course.curvature[-1] == pytest.approx(course.curvature[0], abs=1e-12)
+    np.testing.assert_allclose(course.width_left, 7.0, atol=1e-12)
+    # The right width was 5 + cos(angle); linear between points 5.2 m apart.
+    np.testing.assert_allclose(course.width_right, 5.0 + course.x / RADIUS, atol=2e-3)
+    bare = load("x_m,y_m\n" + "\n".join(row.rsplit(",", 2)[0] for row in ROWS))
+    assert (bare.width_left, bare.width_right) == (None, None)
 
 
 def test_smoothing_is_of_fourth_order(load):
     coarse, fine = (abs(load("\n".join(circle_rows(n))).length - 2.0 * math.pi * RADIUS) for n in (30, 60))
     assert 12.0 < coarse / fine < 20.0
-
-
-def test_limits_are_on_the_sides_they_are_named_after(load):
-    course = load(SAME_FILE["bare"])
-    np.testing.assert_allclose(course.width_left, 7.0, atol=1e-12)
-    # The right width was 5 + cos(angle); linear between points 5.2 m apart.
-    np.testing.assert_allclose(course.width_right, 5.0 + course.x / RADIUS, atol=2e-3)
-
-
-def test_file_without_widths_has_no_limits(load):
-    course = load("x_m,y_m\n" + "\n".join(row.rsplit(",", 2)[0] for row in ROWS))
-    assert course.width_left is None
-    assert course.width_right is None
 
 
 @given(st.integers(0, 2**32 - 1), st.booleans())
@@ -131,9 +123,6 @@ def test_open_line_stays_open(load):
     assert not course.closed
     assert (course.x[0], course.y[0], course.x[-1], course.y[-1]) == pytest.approx((0.0, 0.0, 90.0, 1.0), abs=1e-9)
     assert course.curvature[[0, -1]] == pytest.approx([0.0, 0.0], abs=1e-9)
-
-
-def test_straight_points_are_a_straight_line(load):
     course = load("0,0\n3,4\n6,8\n30,40\n60,80\n")
     assert course.length == pytest.approx(100.0, abs=1e-9)
     np.testing.assert_allclose(course.curvature, 0.0, atol=1e-12)

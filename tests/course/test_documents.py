@@ -54,13 +54,9 @@ def test_what_is_no_regular_file_is_refused_at_once(load, kind, tmp_path, monkey
     message = refusal(load, "odd.yaml")
     assert "odd.yaml" in message
     assert said in message
-
-
-@pytest.mark.timeout(30)
-def test_a_pipe_beside_a_course_is_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "points.csv")
-    (tmp_path / "own.yaml").write_text("csv: points.csv")
-    assert "points.csv is no file but a pipe" in refusal(load_course, tmp_path / "own.yaml")
+    os.mkfifo("points.csv")
+    Path("own.yaml").write_text("csv: points.csv")
+    assert "points.csv is no file but a pipe" in refusal(load_course, "own.yaml")
 
 
 @pytest.mark.parametrize("load", LOADERS)
@@ -97,10 +93,6 @@ def test_aliases_that_multiply_or_contain_themselves_are_refused(load, text, mes
     assert message in refusal(load, path)
 
 
-def test_an_alias_in_moderation_is_read():
-    assert parse_yaml("a: &a [1, 2]\nb: *a\nc: {<<: {d: 3}}") == {"a": [1, 2], "b": [1, 2], "c": {"d": 3}}
-
-
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers(-(10**9), 10**9) | st.floats(allow_nan=False) | st.text(max_size=9),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(string.ascii_letters, max_size=5), inner),
@@ -114,6 +106,7 @@ def test_a_document_comes_back_as_it_was_written(value):
     assert parse_yaml(yaml.safe_dump(value)) == value
     plain = yaml.safe_dump(value, allow_unicode=True)
     assert parse_yaml(plain) == yaml.safe_load(plain)
+    assert parse_yaml("a: &a [1, 2]\nb: *a\nc: {<<: {d: 3}}") == {"a": [1, 2], "b": [1, 2], "c": {"d": 3}}
 
 
 @given(st.text(max_size=200) | st.text("{}[]&*!|>?:-,#'\"%@ab1 \n\t", max_size=100))

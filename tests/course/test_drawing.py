@@ -1,5 +1,6 @@
 """Pictures show the whole course, its sections by name, and its limits where they are."""
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -39,17 +40,11 @@ def test_sections_are_spanned_and_coloured():
     assert [part[:3] for part in sections_of(plain)] == [("plain", 0.0, 5.0)]
 
 
-def test_limits_are_drawn_on_their_sides():
+def test_limits_are_drawn_on_their_sides_and_never_backwards():
     bare = Course.from_elements("road", [Line(20.0)])
     ones = np.ones(len(bare.s))
-    course = Course(
-        "road", bare.s, bare.x, bare.y, bare.heading, bare.curvature, width_left=2.0 * ones, width_right=ones
-    )
-    above, _ = course_figure(course).axes
+    above, _ = course_figure(dataclasses.replace(bare, width_left=2.0 * ones, width_right=ones)).axes
     assert {float(y) for line in above.lines for y in line.get_ydata()} == {2.0, 0.0, -1.0}
-
-
-def test_limit_beyond_the_centre_of_a_bend_is_not_drawn_backwards():
     course = Course.from_elements("corner", [Line(5.0), Arc(1.0, 1.5), Line(5.0)])
     above, _ = course_figure(course).axes
     left = above.lines[0].get_xydata()

@@ -63,10 +63,14 @@ def test_profile_does_not_depend_on_where_the_line_is_drawn():
     assert lap_limit(MACHINE, shifted).lap_time == pytest.approx(lap_limit(MACHINE, line).lap_time, abs=2e-3)
 
 
-def test_no_point_exceeds_the_machine():
+def test_no_point_exceeds_the_machine_and_time_distance_and_sectors_agree():
     lap = lap_limit(MACHINE, load_track("barcelona").centre)
+    assert sum(lap.sector_times) == pytest.approx(lap.lap_time, abs=1e-9)
+    assert len(lap.sector_times) == 3
+    assert lap.speed_at(lap.s[-1] + lap.s[7]) == pytest.approx(lap.speed[7])
     lateral, longitudinal = lap.lateral[:-1], lap.longitudinal[:-1]
     speed = 0.5 * (lap.speed[1:] + lap.speed[:-1])
+    assert np.sum(np.diff(lap.time) * speed) == pytest.approx(lap.s[-1])
     assert np.all(np.abs(lateral) <= MACHINE.lateral(speed) * 1.001)
     # At the limit of cornering what is left has an infinite slope: a hundredth of the lateral acceleration is allowed.
     side = 0.99 * 0.5 * (lap.lateral[1:] + lap.lateral[:-1])
@@ -94,15 +98,6 @@ def test_hills_slow_up_and_help_down(shapes):
     lost = (flat.longitudinal - climbing.longitudinal)[rows]
     assert np.mean(lost) == pytest.approx(0.05 * GRAVITY, rel=0.35)
     assert climbing.lap_time > flat.lap_time
-
-
-def test_time_distance_and_sectors_agree():
-    lap = lap_limit(MACHINE, load_track("barcelona").centre)
-    assert sum(lap.sector_times) == pytest.approx(lap.lap_time, abs=1e-9)
-    assert len(lap.sector_times) == 3
-    middle = 0.5 * (lap.speed[1:] + lap.speed[:-1])
-    assert np.sum(np.diff(lap.time) * middle) == pytest.approx(lap.s[-1])
-    assert lap.speed_at(lap.s[-1] + lap.s[7]) == pytest.approx(lap.speed[7])
 
 
 def test_bad_requests_are_refused(shapes):

@@ -23,23 +23,14 @@ def document(name):
     return yaml.safe_load((resources.files("bike_sim") / f"config/courses/{name}.yaml").read_text())
 
 
-def test_file_says_what_it_is(course):
+def test_a_shipped_course_says_what_it_is_and_has_its_sections_in_order(course):
     text = document(course.name)
     assert text["format"] == PATH_FORMAT
     assert len(text["description"]) > 20
-
-
-def test_closed_course_closes(course):
     gap = math.hypot(course.x[-1] - course.x[0], course.y[-1] - course.y[0])
     turns = (course.heading[-1] - course.heading[0]) / (2.0 * math.pi)
-    if course.closed:
-        assert gap < 1e-9
-        assert turns == pytest.approx(round(turns), abs=1e-12)
-    else:
-        assert gap > 1.0
-
-
-def test_sections_cover_the_course_in_order(course):
+    assert gap < 1e-9 if course.closed else gap > 1.0
+    assert not course.closed or turns == pytest.approx(round(turns), abs=1e-12)
     begins = [begin for _, begin in course.sections]
     assert begins[0] == 0.0
     assert begins == sorted(set(begins))
@@ -61,53 +52,42 @@ def sections(benchmark):
     }
 
 
-def test_benchmark_is_closed_and_about_as_long_as_drawn(benchmark):
+def test_benchmark_is_about_as_long_as_drawn_and_has_its_parts_in_order(benchmark, sections):
     assert benchmark.closed
     assert 300.0 < benchmark.length < 400.0
     assert benchmark.off_course_limit == 3.5
-
-
-def test_benchmark_has_its_parts_in_order(sections):
     parts = [name for name in sections if "straight" not in name]
     assert parts == ["full circle", "slalom", "flat curve", "soft lane change", "hard lane change", "closing curve"]
     for name, (curvature, _) in sections.items():
         if "straight" in name:
             np.testing.assert_allclose(curvature, 0.0, atol=1e-12, err_msg=name)
-
-
-def test_benchmark_begins_on_a_straight(benchmark):
     assert benchmark.sections[0][0] == "start straight"
     np.testing.assert_allclose(benchmark.curvature[:100], 0.0, atol=1e-12)
-
-
-def test_circle_slalom_and_flat_curve_lie_in_the_first_200_m(benchmark):
     # Fig. 12 plots the first 200 m; the text follows the circle, the slalom and the flat curve on it.
     for name, begin in benchmark.sections[:6]:
         assert begin < 190.0, name
 
 
-def test_full_circle_is_a_left_turn_of_radius_2a_entered_with_a_step(sections, benchmark):
+def test_bends_of_the_benchmark_are_those_of_the_text(sections, benchmark):
+    """A left turn of radius 2A entered with a step, bends equal to both sides, one flatter than all of training."""
     curvature, length = sections["full circle"]
     np.testing.assert_allclose(curvature, 1.0 / (2.0 * A), rtol=1e-12)
     assert length == pytest.approx(2.0 * math.pi * 2.0 * A, rel=1e-12)
-
-
-def test_slalom_bends_equally_to_both_sides_and_ends_straight(sections, benchmark):
     curvature, length = sections["slalom"]
     assert set(np.round(curvature, 12)) == {-0.1, 0.1}
     assert np.sum(curvature > 0.0) == pytest.approx(np.sum(curvature < 0.0), abs=6)
     changes = np.flatnonzero(np.diff(np.sign(curvature)))
     np.testing.assert_allclose(np.diff(changes) * benchmark.spacing, 0.5 * math.pi * 10.0, atol=0.2)
-    inside = dict(benchmark.sections)
-    headings = np.interp([inside["slalom"], inside["slalom"] + length], benchmark.s, benchmark.heading)
+    begin = dict(benchmark.sections)["slalom"]
+    headings = np.interp([begin, begin + length], benchmark.s, benchmark.heading)
     assert headings[1] == pytest.approx(headings[0], abs=1e-2)
-
-
-def test_flat_curve_is_flatter_than_every_training_curve(sections):
     curvature, length = sections["flat curve"]
     np.testing.assert_allclose(curvature, 1.0 / (4.0 * A), rtol=1e-12)
     assert length * curvature[0] == pytest.approx(math.pi, rel=1e-12)
     assert 1.0 / curvature[0] > CURRICULUM_PATHS[3].radius_max
+    sharpest = np.abs(sections["hard lane change"][0]).max()
+    assert sharpest == pytest.approx(np.abs(benchmark.curvature).max(), rel=1e-12)
+    assert math.atan(7.0**2 * sharpest / 9.81) > math.radians(45.0)
 
 
 def test_soft_lane_change_is_in_the_training_family_and_the_hard_one_is_not():
@@ -120,12 +100,6 @@ def test_soft_lane_change_is_in_the_training_family_and_the_hard_one_is_not():
     assert family.quintic_width_min <= abs(soft["width_m"]) <= family.quintic_width_max
     assert hard == {"length_m": 2.0 * A, "width_m": -A}
     assert hard["length_m"] < family.quintic_length_min
-
-
-def test_hard_lane_change_is_the_sharpest_bend_and_asks_for_too_much_lean_at_7_m_s(benchmark, sections):
-    sharpest = np.abs(sections["hard lane change"][0]).max()
-    assert sharpest == pytest.approx(np.abs(benchmark.curvature).max(), rel=1e-12)
-    assert math.atan(7.0**2 * sharpest / 9.81) > math.radians(45.0)
 
 
 def test_junction_turns_right_from_north_to_east():

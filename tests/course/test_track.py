@@ -44,11 +44,8 @@ def shipped(request) -> Track:
     return load_track(request.param)
 
 
-def test_the_three_circuits_are_shipped():
-    assert set(shipped_tracks()) == set(CORNERS)
-
-
 def test_length_direction_and_corners_are_the_published_ones(shipped):
+    assert set(shipped_tracks()) == set(CORNERS)
     length, direction, turns, radii, angles = CORNERS[shipped.name]
     # Of the drawn line, not of its parameter.
     drawn = np.sum(np.hypot(np.diff(shipped.centre.x), np.diff(shipped.centre.y)))
@@ -58,9 +55,6 @@ def test_length_direction_and_corners_are_the_published_ones(shipped):
     assert "".join(corner.direction[0].upper() for corner in shipped.corners) == turns
     assert [corner.radius for corner in shipped.corners] == pytest.approx(radii, rel=0.2)
     assert [abs(math.degrees(corner.angle)) for corner in shipped.corners] == pytest.approx(angles, abs=16.0)
-
-
-def test_corners_follow_each_other_and_bend_as_they_say(shipped):
     for before, after in itertools.pairwise(shipped.corners):
         assert before.begin < before.apex < before.end <= after.begin + 1e-9
     for corner in shipped.corners:
@@ -82,9 +76,6 @@ def test_line_is_closed_without_a_kink_and_its_curvature_continuous(shipped):
     assert np.abs(np.exp(1j * chord) - np.exp(1j * middle)).max() < 1e-5
     mean = 0.5 * (centre.curvature[1:] + centre.curvature[:-1])
     assert np.diff(centre.heading) / centre.spacing == pytest.approx(mean, abs=1e-4)
-
-
-def test_height_closes_and_the_road_is_not_steep(shipped):
     assert shipped.elevation[-1] == pytest.approx(shipped.elevation[0], abs=1e-9)
     assert shipped.grade[-1] == pytest.approx(shipped.grade[0], abs=1e-9)
     assert np.abs(shipped.grade).max() < 0.08
@@ -130,18 +121,6 @@ def test_family_of_lines_goes_from_the_median_to_the_ideal_line(shapes):
         assert line.width_right == pytest.approx(6.0 + 4.0 * lam, abs=1e-6)
 
 
-@pytest.mark.parametrize("lam", [-0.1, 1.1, math.nan])
-def test_line_outside_the_family_is_refused(lam, shapes):
-    track = shapes.circle()
-    with pytest.raises(ValueError, match="0 \\(median\\) to 1"):
-        track.with_ideal(np.zeros(len(track.centre.s))).line(lam)
-
-
-def test_line_without_an_ideal_is_refused(shapes):
-    with pytest.raises(ValueError, match="no ideal line yet"):
-        shapes.circle().line(0.5)
-
-
 def test_broken_circuits_are_refused(shapes):
     track = shapes.circle()
     with pytest.raises(ValueError, match="not closed"):
@@ -156,6 +135,11 @@ def test_broken_circuits_are_refused(shapes):
     height[3] = math.nan
     with pytest.raises(ValueError, match="elevation is nan at sample 3"):
         dataclasses.replace(track, elevation=height)
+    with pytest.raises(ValueError, match="no ideal line yet"):
+        track.line(0.5)
+    for lam in (-0.1, 1.1, math.nan):
+        with pytest.raises(ValueError, match="0 \\(median\\) to 1"):
+            track.with_ideal(np.zeros(len(track.centre.s))).line(lam)
 
 
 def test_corners_of_an_oval_are_found(shapes):
@@ -210,8 +194,5 @@ def test_ramps_change_neither_length_nor_angle():
         turned = np.sum(0.5 * np.diff(profile.s) * (profile.curvature[1:] + profile.curvature[:-1]))
         assert profile.s[-1] == pytest.approx(460.0)
         assert turned == pytest.approx(2.0 * math.pi)
-
-
-def test_curvature_must_not_jump():
     with pytest.raises(ValueError, match="longer than 0"):
         curvature_profile([Piece(10.0), Piece(10.0, 1.0)], 0.0)

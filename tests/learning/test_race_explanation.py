@@ -16,7 +16,7 @@ from bike_sim.sim.batch import SUPERBIKE_ENGINE
 from bike_sim.sim.config import superbike_config
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_training.explain.drawing import draw_blocks
+from bike_training.explain.drawing import draw
 from bike_training.explain.observations import Onlooker
 from bike_training.explain.shap_values import explain
 from bike_training.replay import RecordedCommands
@@ -66,7 +66,7 @@ def test_blocks_without_weights_or_without_changes_have_no_value(tmp_path: Path)
         assert np.abs(found.values[:, GUIDED.terms.index(name)]).max() < 1e-8
     assert found.steady == ("limits",)
     assert np.abs(found.values).max() > 1e-3
-    draw_blocks(found, "made up", tmp_path / "blocks.png")
+    draw(found, "made up", tmp_path / "blocks.png")
     assert (tmp_path / "blocks.png").stat().st_size > 10_000
 
 

@@ -28,7 +28,7 @@ from websockets.sync.client import connect
 
 from bike_analysis import compare, open_ride
 from bike_analysis.page.document import recorded_settings, settings_words
-from bike_analysis.page.live_page import Ghost, ghost_of, live_view, render_live_page
+from bike_analysis.page.live_page import ghost_of, live_view, render_live_page
 from bike_analysis.page.view import Series
 from bike_policy.riders.rider import make_rider
 from bike_policy.riders.stanley import ManualRider
@@ -266,7 +266,7 @@ def test_a_ghost_rides_along_and_begins_again_with_each_lap(browser: webdriver.C
     angle = 0.5 * time_s
     columns = {"time": time_s, "distance": 8.0 * angle, "x": 8.0 * np.sin(angle), "y": 8.0 - 8.0 * np.cos(angle)}
     columns |= {"yaw": angle, "roll": -10.0 * np.ones(201), "speed": 4.0 * np.ones(201)}
-    ghost = Ghost(Series("a lap", columns, "orange"), is_lap=True)
+    ghost = Series("a lap", columns, "orange"), True
     view = live_view(course, "whipple", False, ghost)
     page = lambda origin: render_live_page(view, "lqr", STATE_NAMES, False, origin, laps=True)  # noqa: E731
     server = LiveServer(page, lambda _: None, lambda: {"status": {"hands": False, "pace": 1.0}})
@@ -402,7 +402,7 @@ def test_a_lap_is_ridden_by_keys_and_lies_beside_another(browser: webdriver.Chro
     assert [ride.course.name for ride in recording.rides] == ["small circle"] * 2  # before and after the restart
     told = settings_words(*ride.settings)
     assert told == ["a command every 50 ms", "engine pybullet", "steps of 1 ms"]
-    assert recorded_settings(recording.data) == told
+    assert recorded_settings(recording) == told
     last = recording.rides[-1]
     assert len(last.laps) >= 2
     by_hand, by_computer = last.laps[0], last.laps[-1]
@@ -412,8 +412,9 @@ def test_a_lap_is_ridden_by_keys_and_lies_beside_another(browser: webdriver.Chro
     assert course_ridden is not None
     ghost = ghost_of(both, course_ridden)
     assert ghost is not None
-    assert ghost.is_lap
-    assert ghost.series.columns["time"][0] == pytest.approx(0.0, abs=0.06)
+    series, is_lap = ghost
+    assert is_lap
+    assert series.columns["time"][0] == pytest.approx(0.0, abs=0.06)
     assert ghost_of(both, Course.from_elements("ring", [Arc(8.0, 2.0 * np.pi)], closed=True)) is None
     errors_m = last.table()["lateral_error_m"].abs()
     assert errors_m.max() < 3.0

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bike_sim.course.lap_timing import EXACT, Timing, samples_of, time_laps
+from bike_sim.course.lap_timing import EXACT, Timing
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike.statics import turning_state
 from bike_sim.planning.line_cache import content_key, track_with_line
@@ -24,6 +24,7 @@ from bike_sim.sim.request import HORIZON, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
 from tests.circuits import OVAL
+from tests.lap_times import samples_of, time_laps
 
 COMPILED = replace(superbike_config("panigale_v4r"), engine="compiled")
 

@@ -17,10 +17,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_analysis.figures.rides import Ride, find_rides
 from bike_analysis.read.columns import ColumnReader, MessageSchema, SchemaError
 from bike_analysis.read.container import Container, RecordingError, find_files
 from bike_analysis.read.reading import Recording, read_recording
-from bike_analysis.read.rides import Ride, find_rides
 from bike_policy.contract.observation import rows_of
 from bike_policy.riders.rider import Rider
 from bike_sim.course.course import Course

@@ -1,4 +1,4 @@
-"""Laps on a circuit: corners, the theoretical lap, limits and gears of a machine, and times computed once more.
+"""Laps on a circuit: corners, the theoretical lap, limits and gears of a machine.
 
 All arc lengths are those of the recorded course, which is the followed line.
 """
@@ -15,24 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_analysis.figures.laps import has_limits
+from bike_analysis.figures.metrics import Figures
 from bike_analysis.figures.numbers import rate
+from bike_analysis.figures.rides import Ride
 from bike_analysis.read.messages import Floats, RecordedCourse
 from bike_analysis.read.reading import Recording
-from bike_analysis.read.rides import Ride
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_track, shipped_tracks
-from bike_sim.course.lap_timing import EXACT, EventKind, Timing, samples_of, time_laps
 from bike_sim.course.track import Corner, Track, find_corners
 from bike_sim.schema import GRAVITY
 
-_KINDS: Final = {
-    EventKind.LAP: "lap",
-    EventKind.SECTOR: "sector",
-    EventKind.OFF_COURSE: "off_course",
-    EventKind.BACK_ON_COURSE: "back_on_course",
-}
-OFF_CIRCUIT: Final = 500.0
-"""Farther from the centre line no ride of a circuit is, m."""
 _SMOOTHING_S: Final = 0.1
 """Accelerations are means over this time, s."""
 
@@ -72,9 +64,10 @@ class Machine:
 
 @dataclass(frozen=True)
 class Theory:
-    """A theoretical lap on the followed line.
+    """A theoretical lap on the followed line of a circuit.
 
     Attributes:
+        track: The circuit.
         s: Arc length of the line, m, from 0 to its length.
         speed: m/s.
         lateral: Lateral acceleration, m/s^2, positive to the left.
@@ -84,6 +77,7 @@ class Theory:
         machine: Limits and gears of the machine; None leaves out gear, engine speed and the limit of the g-g diagram.
     """
 
+    track: Track
     s: Floats
     speed: Floats
     lateral: Floats
@@ -93,79 +87,27 @@ class Theory:
     machine: Machine | None = None
 
 
-@dataclass(frozen=True)
-class Circuit:
-    """A circuit with what a ride on it is measured against.
-
-    Attributes:
-        track: The circuit.
-        theory: The theoretical lap.
-        timing: Times of the ride, computed again from its recorded contact points.
-        timing_agrees: Whether they equal those of the recorded events, time by time and bit for bit.
-    """
-
-    track: Track
-    theory: Theory
-    timing: Timing
-    timing_agrees: bool
-
-
-def ridden_circuit(recording: Recording, ride: Ride, track: Track, theory: Theory) -> Circuit:
-    """Compute the times of a ride again from its contact points, and compare them with the recorded events.
-
-    Args:
-        recording: The recording.
-        ride: Its ride.
-        track: The circuit that was ridden.
-        theory: The theoretical lap.
-
-    Returns:
-        The circuit. The values of the event of leaving the track are not compared (a distance there, none here).
-
-    Raises:
-        ValueError: If the ride's states are not on the circuit.
-    """
-    states = ride.states
-    rear, front = np.stack([states.x, states.y], axis=1), np.stack([states.front_x, states.front_y], axis=1)
-    begun = next((event for event in ride.events if event.kind == "reset"), None)
-    # A recorder that came after the reset has missed its event; rides begin on the start line or somewhere else.
-    begin = begun.progress_m if begun is not None else float(states.progress[0])
-    begin = 0.0 if abs(begin) < EXACT else begin
-    time = states.step * states.control_period
-    samples = list(samples_of(track, time, rear, front, begin, begin + math.dist(rear[0], front[0])))
-    if max(abs(sample.offset) for sample in samples) > OFF_CIRCUIT:
-        raise ValueError(f"the recording {recording.path} was not ridden on circuit {track.name!r}")
-    timing, events = time_laps(track, samples)
-    again = [(_KINDS[event.kind], event.time, event.progress) for event in events]
-    wanted = set(_KINDS.values())
-    recorded = [(event.kind, event.time_s, event.progress_m) for event in ride.events if event.kind in wanted]
-    again_values = [event.value for event in events if event.kind is not EventKind.OFF_COURSE]
-    recorded_values = [e.value for e in ride.events if e.kind in wanted and e.kind != "off_course"]
-    agrees = bool(again) and again == recorded and again_values == recorded_values
-    return Circuit(track, theory, timing, agrees)
-
-
-def circuit_figures(recording: Recording, ride: Ride, circuit: Circuit) -> dict[str, Any]:
-    """Figures of laps on a circuit, ready for JSON. Out-laps do not count as laps."""
-    flying = [lap for lap in circuit.timing.laps if lap.began > ride.states.step[0] * ride.states.control_period[0]]
-    best = min(flying, key=lambda lap: lap.duration, default=None)
-    kinds, theory = [event.kind for event in ride.events], circuit.theory
+def circuit_figures(recording: Recording, theory: Theory) -> dict[str, Any]:
+    """Figures of the laps of a recording's first ride on a circuit, ready for JSON. Out-laps do not count as laps."""
+    ride, figures = recording.rides[0], recording.rides[0].figures
+    flying = [lap for lap in figures.complete_laps if not lap.out_lap]
+    best = min(flying, key=lambda lap: lap.lap_s, default=None)
+    kinds = [event.kind for event in ride.events]
     return {
         "vehicle": recording.vehicle,
-        "course": circuit.track.name,
-        "laps_s": [lap.duration for lap in flying],
-        "lap_s": None if best is None else best.duration,
-        "sectors_s": [] if best is None else list(best.sectors),
-        "out_lap_s": circuit.timing.laps[0].duration if circuit.timing.laps else None,
+        "course": theory.track.name,
+        "laps_s": [lap.lap_s for lap in flying],
+        "lap_s": None if best is None else best.lap_s,
+        "sectors_s": [] if best is None else best.sectors_s,
+        "out_lap_s": next((lap.lap_s for lap in figures.complete_laps if lap.out_lap), None),
         "limit_s": theory.lap_time,
         "limit_sectors_s": list(theory.sector_times),
-        "excess": None if best is None else max(lap.duration for lap in flying) / theory.lap_time - 1.0,
+        "excess": None if best is None else max(lap.lap_s for lap in flying) / theory.lap_time - 1.0,
         "falls": kinds.count("fall"),
         "walls": kinds.count("wall"),
-        "valid_laps": sum(lap.valid for lap in flying),
-        "off_track_s": circuit.timing.off_track,
-        "timing_agrees": circuit.timing_agrees,
-        "lost_steps": int(np.sum(np.diff(ride.states.step) - 1)),
+        "valid_laps": sum(lap.valid is True for lap in flying),
+        "off_track_s": figures.off_track_s,
+        "lost_steps": figures.lost_steps,
     }
 
 
@@ -194,36 +136,6 @@ PHASES: Final = ("braking", "entry", "exit", "straight after")
 """Parts of a corner's stretch: up to where it begins, up to its apex, up to its end, and from there on."""
 
 
-@dataclass(frozen=True)
-class CornerFigures:
-    """One corner of a lap.
-
-    Attributes:
-        name: Of the corner.
-        direction: ``left`` or ``right``.
-        braking_m: Where braking for it began, m from the start line; None if it was not braked for.
-        before_apex_m: The same as a distance before the apex.
-        entry_speed: At the corner's beginning.
-        least_speed: The lowest in it.
-        exit_speed: At its end.
-        lean_deg: The largest lean in it, without sign.
-        lost_s: Time lost on the reference over the corner's stretch, which reaches to the middle of the straights
-            before and after it, so that all corners together make up the lap; negative where time was won.
-        lost_in: The one of `PHASES` in which most was lost; empty if nothing was.
-    """
-
-    name: str
-    direction: str
-    braking_m: float | None
-    before_apex_m: float | None
-    entry_speed: float
-    least_speed: float
-    exit_speed: float
-    lean_deg: float
-    lost_s: float
-    lost_in: str
-
-
 def course_corners(course: RecordedCourse | None, track: Track | None = None) -> tuple[Corner, ...]:
     """Find the corners of a recorded course.
 
@@ -240,8 +152,7 @@ def course_corners(course: RecordedCourse | None, track: Track | None = None) ->
     if track is None and name in shipped_tracks():
         track = load_track(name)
     if track is None:
-        heading = np.unwrap(np.arctan2(np.gradient(course.y), np.gradient(course.x)))
-        line = (course.s, course.x, course.y, heading, course.curvature)
+        line = (course.s, course.x, course.y, course.heading, course.curvature)
         try:
             return find_corners(Course(course.name, *line, closed=True))
         except ValueError:  # a line that is no circuit
@@ -258,7 +169,7 @@ def course_corners(course: RecordedCourse | None, track: Track | None = None) ->
 
 def corner_figures(
     corners: Sequence[Corner], length_m: float, lap: Mapping[str, Floats], reference: Mapping[str, Floats]
-) -> tuple[CornerFigures, ...]:
+) -> tuple[Figures, ...]:
     """Compute the figures of each corner.
 
     Args:
@@ -269,7 +180,11 @@ def corner_figures(
         reference: Distance and time of what it is measured against.
 
     Returns:
-        One record per corner.
+        For each ``name``, ``direction``, ``braking_m`` (where braking for it began, from the start line; None if it was
+        not braked for), ``before_apex_m``, ``entry_speed``, ``least_speed``, ``exit_speed``, ``lean_deg`` without sign,
+        ``lost_s`` over its stretch, which reaches to the middle of the straights before and after it, so that all
+        corners make up the lap, negative where time was won; and ``lost_in``, that of `PHASES` in which most was lost,
+        empty if nothing was.
     """
     middles = [0.5 * (before.end + after.begin) for before, after in pairwise(corners)]
     bounds = [0.0, *middles, length_m]
@@ -285,7 +200,7 @@ def corner_figures(
         braking = _braking_point(distance, brake, first, corner.apex)
         losses = [_lost(lap, reference, a, b) for a, b in pairwise((first, corner.begin, corner.apex, end, last))]
         found.append(
-            CornerFigures(
+            Figures(
                 name=corner.name,
                 direction=corner.direction,
                 braking_m=braking,

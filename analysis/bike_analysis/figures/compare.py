@@ -17,16 +17,16 @@ import pandas as pd
 
 from bike_analysis.figures.laps import (
     ON_THE_LINE,
-    CompleteLap,
+    Lap,
     farther_than_before,
     known_length,
     reset_time,
     sector_starts,
 )
-from bike_analysis.figures.metrics import motion_columns, station
+from bike_analysis.figures.metrics import Figures, motion_columns, station
 from bike_analysis.figures.numbers import best_sectors_together
+from bike_analysis.figures.rides import Ride
 from bike_analysis.read.messages import Flags, Floats
-from bike_analysis.read.rides import Ride
 
 STATIONS: Final = 2500
 """About so many stations are wanted along a course."""
@@ -50,17 +50,23 @@ class Run:
 
     Attributes:
         label: Name for people, unique within a comparison.
-        source: The recording's file name.
         ride: The ride.
         lap: The lap, or None for the whole ride.
-        policy: Who rode, from the recording's notes; empty where unknown.
     """
 
     label: str
-    source: str
     ride: Ride
-    lap: CompleteLap | None = None
-    policy: str = ""
+    lap: Lap | None = None
+
+    @property
+    def source(self) -> str:
+        """The recording's file name."""
+        return self.ride.recording.path.name
+
+    @property
+    def policy(self) -> str:
+        """Who rode, from the recording's notes; empty where unknown."""
+        return self.ride.recording.policy
 
     @property
     def begin_s(self) -> float:
@@ -98,27 +104,6 @@ class Run:
         return self.lap is not None or (self.ride.ended_by == "finished" and int(self.ride.states.step[0]) == 0)
 
 
-@dataclass(frozen=True)
-class SectorFigures:
-    """A sector of a closed course, or a section of an open one, within a comparison.
-
-    Attributes:
-        name: Of the sector.
-        start_m: Where it begins.
-        end_m: Where it ends.
-        times_s: Time of each run, in the order of the runs; null where it was not completed.
-        best_s: The best of them, out-laps not counted where there are others; null if no run completed it.
-        best_run: Who rode it.
-    """
-
-    name: str
-    start_m: float
-    end_m: float
-    times_s: tuple[float | None, ...]
-    best_s: float | None
-    best_run: str | None
-
-
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """Runs on the same course, aligned. Columns are interpolated when they are first needed.
@@ -130,7 +115,9 @@ class Comparison:
             came farthest.
         station_m: Stations along the course, m, shape (stations,).
         scales: Factor that scales the arc length of each run to that of the reference; 1 where a length is unknown.
-        sectors: Times of the sectors; empty where the course has no sections.
+        sectors: Of a closed course, or the sections of an open one; empty where it has none. Each has its ``name``,
+            ``start_m``, ``end_m``, ``times_s`` by run (None where it was not completed), the best of them, ``best_s``,
+            out-laps not counted where there are others (None if no run completed it), and ``best_run``, who rode it.
     """
 
     course: str
@@ -138,7 +125,7 @@ class Comparison:
     reference: int
     station_m: Floats
     scales: tuple[float, ...]
-    sectors: tuple[SectorFigures, ...]
+    sectors: tuple[Figures, ...]
 
     def __repr__(self) -> str:
         return f"<Comparison of {', '.join(run.label for run in self.runs)} at {len(self.station_m)} stations>"
@@ -336,7 +323,7 @@ def _arc_lengths(run: Run, scale: float) -> tuple[Flags, Floats]:
     return fresh, place[fresh]
 
 
-def _sectors(runs: Sequence[Run]) -> tuple[SectorFigures, ...]:
+def _sectors(runs: Sequence[Run]) -> tuple[Figures, ...]:
     """Times of the sectors. Laps have their own; for a whole ride it is the time between the sector ends."""
     course = next((run.ride.course for run in runs if run.ride.course is not None), None)
     if course is None or not course.section_names:
@@ -354,7 +341,8 @@ def _sectors(runs: Sequence[Run]) -> tuple[SectorFigures, ...]:
         known = {k: t for k, t in enumerate(row) if t is not None and k in counted}
         best = min(known, key=lambda k: known[k], default=None)
         best_s, best_run = (None, None) if best is None else (known[best], runs[best].label)
-        found.append(SectorFigures(name, float(start), float(end), row, best_s, best_run))
+        ends_m = {"start_m": float(start), "end_m": float(end)}
+        found.append(Figures(name=name, **ends_m, times_s=row, best_s=best_s, best_run=best_run))
     return tuple(found)
 
 

@@ -18,10 +18,12 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
+from bike_analysis.figures.rides import Ride
 from bike_analysis.read.messages import Floats, RecordedCourse, RecordedEvent, Table
-from bike_analysis.read.rides import Ride
+from bike_sim.course.course import Course
 from bike_sim.course.finish import Finish, FinishCut, find_finish
 
 _HELD: Final = (
@@ -49,7 +51,11 @@ def evaluated_ride(ride: Ride) -> Ride:
     if finish is None:
         behind = states.progress >= states.course_length
         return ride if behind[0] or not behind.any() else _until(ride, states.take(slice(0, int(np.argmax(behind)))))
-    states = _extended(states, finish)
+    progress, lateral = finish.extend(states.progress, states.lateral_error, states.x, states.y)
+    front = finish.extend(states.front_progress, states.front_lateral_error, states.front_x, states.front_y)
+    states = states.with_columns(
+        progress=progress, lateral_error=lateral, front_progress=front[0], front_lateral_error=front[1]
+    )
     cut = find_finish(finish.length, states.progress)
     return ride if cut is None else _until(ride, _cut_states(states, cut))
 
@@ -61,15 +67,6 @@ def course_finish(course: RecordedCourse | None) -> Finish | None:
     dx, dy, step = course.x[-1] - course.x[-2], course.y[-1] - course.y[-2], course.s[-1] - course.s[-2]
     bend = 0.5 * step * course.curvature[-1] if len(course.curvature) == len(course.s) else 0.0
     return Finish(float(course.s[-1]), float(course.x[-1]), float(course.y[-1]), math.atan2(dy, dx) + float(bend))
-
-
-def _extended(states: Table, finish: Finish) -> Table:
-    """The states, with progress and lateral errors extended straight beyond the finish."""
-    progress, lateral = finish.extend(states.progress, states.lateral_error, states.x, states.y)
-    front = finish.extend(states.front_progress, states.front_lateral_error, states.front_x, states.front_y)
-    return states.with_columns(
-        progress=progress, lateral_error=lateral, front_progress=front[0], front_lateral_error=front[1]
-    )
 
 
 def _cut_states(states: Table, cut: FinishCut) -> Table:
@@ -85,15 +82,14 @@ def _cut_states(states: Table, cut: FinishCut) -> Table:
 
 
 def _until(ride: Ride, states: Table) -> Ride:
-    telemetry = ride.telemetry
-    if telemetry is not None:
-        telemetry = telemetry.take(telemetry.step <= states.step[-1])
-    return replace(ride, states=states, telemetry=telemetry)
+    return replace(ride, states=states, telemetry=ride.telemetry.take(ride.telemetry.step <= states.step[-1]))
 
 
-def has_limits(course: RecordedCourse | None) -> bool:
-    """Whether a course was recorded with both limits."""
-    return course is not None and 0 < len(course.s) == len(course.width_left) == len(course.width_right)
+def has_limits(course: RecordedCourse | Course | None) -> bool:
+    """Whether a course has both limits."""
+    if course is None or course.width_left is None or course.width_right is None:
+        return False
+    return 0 < len(course.s) == len(course.width_left) == len(course.width_right)
 
 
 def beyond_limits(states: Table, course: RecordedCourse | None) -> Floats:
@@ -155,11 +151,12 @@ SAME_CROSSING: Final = 0.25
 """An event belongs to a crossing found from the states if their times differ by less than this, s."""
 
 
-@dataclass(frozen=True)
-class CompleteLap:
+@dataclass(frozen=True, eq=False)
+class Lap:
     """A complete lap.
 
     Attributes:
+        ride: The ride that it is in.
         number: From 1 within its ride.
         begin_s: When it began, s since the ride's first state.
         duration_s: Lap time, s.
@@ -171,6 +168,7 @@ class CompleteLap:
         out_lap: Whether it began with the ride itself, as from a rolling start, and not by riding over the line.
     """
 
+    ride: Ride
     number: int
     begin_s: float
     duration_s: float
@@ -180,6 +178,20 @@ class CompleteLap:
     last: int
     from_events: bool
     out_lap: bool
+
+    def __repr__(self) -> str:
+        return f"<Lap {self.label}: {self.duration_s:.3f} s>"
+
+    @property
+    def label(self) -> str:
+        """Name for people."""
+        return f"{self.ride.label}, lap {self.number}"
+
+    def table(self) -> pd.DataFrame:
+        """The rows of the ride's table inside the lap, with ``time_s`` counted from the start line."""
+        table = self.ride.table().iloc[self.rows].reset_index(drop=True)
+        table["time_s"] -= self.begin_s
+        return table
 
     @property
     def rows(self) -> slice:
@@ -192,7 +204,7 @@ class CompleteLap:
         return self.begin_s + self.duration_s
 
 
-def find_laps(ride: Ride) -> tuple[CompleteLap, ...]:
+def find_laps(ride: Ride) -> tuple[Lap, ...]:
     """Find the complete laps of a ride.
 
     Args:
@@ -280,9 +292,7 @@ def farther_than_before(progress: Floats, time: Floats) -> tuple[Floats, Floats]
     return progress[fresh], time[fresh]
 
 
-def _lap(
-    ride: Ride, number: int, k: int, crossed: dict[tuple[int, int], float], starts: Floats, length: float
-) -> CompleteLap:
+def _lap(ride: Ride, number: int, k: int, crossed: dict[tuple[int, int], float], starts: Floats, length: float) -> Lap:
     """The lap between two crossings of the start line."""
     begin, end = crossed[k, 0], crossed[k + 1, 0]
     marks = [crossed.get((k, mark)) for mark in range(len(starts))] + [end]
@@ -291,15 +301,15 @@ def _lap(
         sectors = tuple(float(t) for t in np.diff(np.array(marks, dtype=np.float64)))
     first, last = np.searchsorted(ride.time, [begin, end])
     out_lap = begin <= float(ride.time[0])
-    return CompleteLap(number, begin, end - begin, k * length, sectors, int(first), int(last), False, out_lap)
+    return Lap(ride, number, begin, end - begin, k * length, sectors, int(first), int(last), False, out_lap)
 
 
-def counted_laps(laps: Sequence[CompleteLap]) -> list[CompleteLap]:
+def counted_laps(laps: Sequence[Lap]) -> list[Lap]:
     """Laps that count for the best lap and the best sectors: without out-laps, unless there are no others."""
     return [lap for lap in laps if not lap.out_lap] or list(laps)
 
 
-def _as_recorded(ride: Ride, lap: CompleteLap) -> CompleteLap:
+def _as_recorded(ride: Ride, lap: Lap) -> Lap:
     """The same lap with the times of the recorded events, where there are any for it."""
     zero = reset_time(ride)
     end = _nearest([e for e in ride.events if e.kind == "lap"], lap.end_s + zero)
@@ -336,7 +346,7 @@ def _nearest(events: Sequence[RecordedEvent], time_s: float) -> RecordedEvent | 
     return near if near is not None and abs(near.time_s - time_s) < SAME_CROSSING else None
 
 
-def lap_of_states(ride: Ride, laps: Sequence[CompleteLap]) -> NDArray[np.int64]:
+def lap_of_states(ride: Ride, laps: Sequence[Lap]) -> NDArray[np.int64]:
     """Number of the complete lap of each state; 0 outside."""
     number = np.zeros(len(ride.states), dtype=np.int64)
     for lap in laps:

@@ -20,12 +20,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bike_analysis.figures.laps import (
-    CompleteLap,
+    Lap,
     beyond_limits,
     counted_laps,
     course_length,
-    evaluated_ride,
-    find_laps,
     lap_of_states,
     time_outside,
 )
@@ -38,8 +36,8 @@ from bike_analysis.figures.numbers import (
     telemetry_columns,
     tyre_figures,
 )
+from bike_analysis.figures.rides import Ride
 from bike_analysis.read.messages import STATE_QUANTITIES, Floats, Latency, Table
-from bike_analysis.read.rides import Ride
 from bike_sim.schema import SUSPENSION
 
 _CONSTANT: Final = ("control_period", "steering_limit", "course_length", "course_closed", "front_progress")
@@ -47,28 +45,23 @@ STATE_COLUMNS: Final = {q.column: q.name for q in STATE_QUANTITIES if q.name not
 """Columns that are fields of the recorded state, by name of the column."""
 
 
-def ride_table(ride: Ride, laps: tuple[CompleteLap, ...] | None = None) -> pd.DataFrame:
-    """Make the table of a ride.
-
-    Args:
-        ride: A ride.
-        laps: Its laps, where they are known already.
-
-    Returns:
-        One row per state; see `docs/reference/analysis.md` for each column.
-    """
+def ride_table(ride: Ride) -> pd.DataFrame:
+    """Make the table of a ride: one row per state; see `docs/reference/analysis.md` for each column."""
     states = ride.states
     columns: dict[str, Any] = {
         "time_s": ride.time,
         "stamp_s": states.time_s,
         "step": states.step,
-        "lap": lap_of_states(ride, find_laps(ride) if laps is None else laps),
+        "lap": lap_of_states(ride, ride.laps),
         "station_m": station(ride),
     }
     steps, seconds = command_ages(ride)
     columns |= motion_columns(ride, slice(None))
-    columns |= {"command_age_steps": steps, "command_age_s": seconds, "section": _section_names(ride)}
-    return pd.DataFrame(columns)
+    course, index = ride.course, ride.section_of()
+    names = np.array([None, *(course.section_names if course is not None else ())], dtype=object)
+    inside = names[index + 1] if len(index) else np.full(len(states), None)
+    section = pd.Categorical(inside, list(dict.fromkeys(names[1:])))
+    return pd.DataFrame(columns | {"command_age_steps": steps, "command_age_s": seconds, "section": section})
 
 
 def motion_columns(ride: Ride, rows: slice) -> dict[str, Any]:
@@ -90,15 +83,6 @@ def station(ride: Ride) -> Floats:
         return ride.distance
     length = course_length(ride)
     return states.progress if length is None else np.mod(states.progress, length)
-
-
-def _section_names(ride: Ride) -> Any:
-    course, index = ride.course, ride.section_of()
-    names: list[str] = [] if course is None or not len(index) else list(dict.fromkeys(course.section_names))
-    codes = np.full(len(ride.states), -1, dtype=np.int64)
-    if course is not None and len(index):
-        codes = np.array([names.index(name) for name in course.section_names] + [-1], dtype=np.int64)[index]
-    return pd.Categorical.from_codes(codes, pd.Index(names, dtype=object))
 
 
 IDEAL_LINE: Final = "(ideal)"
@@ -143,10 +127,10 @@ def ride_figures(ride: Ride) -> Figures:
     Returns:
         Its figures.
     """
-    whole, ride = ride, evaluated_ride(ride)
+    whole, ride = ride, ride.evaluated
     states = ride.states
     error = np.abs(states.lateral_error)
-    laps = find_laps(ride)
+    laps = ride.laps
     outside = beyond_limits(states, ride.course)
     median, p99 = latency_figures(ride.latencies)
     (ages, seconds), answered = command_ages(whole), np.unique(whole.commands.step)
@@ -225,7 +209,7 @@ def ideal_figures(ride: Ride, rows: slice) -> dict[str, Any]:
     return {"ideal_distance_mean_m": mean, "ideal_distance_max_m": over(np.max, distance)}
 
 
-def lap_figures(ride: Ride, lap: CompleteLap, outside: Floats) -> Figures:
+def lap_figures(ride: Ride, lap: Lap, outside: Floats) -> Figures:
     """Compute the figures of a lap.
 
     Args:

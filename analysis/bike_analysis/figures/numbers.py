@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_analysis.figures.rides import Ride
 from bike_analysis.read.messages import Floats
-from bike_analysis.read.rides import Ride
 from bike_sim.schema import TELEMETRY
 
 
@@ -39,28 +39,16 @@ def rate(values: Floats, time_s: Floats) -> Floats:
     return found
 
 
-def best_times(laps: Iterable[Sequence[float | None]]) -> tuple[float | None, ...]:
-    """The best time of each sector, s.
+def best_sectors_together(laps: Iterable[Sequence[float | None]]) -> float | None:
+    """The sum of the best time of each sector, s: the theoretical best lap.
 
     Args:
         laps: Times of the sectors, one row per lap; None where a sector was not completed. Rows are of equal length.
 
     Returns:
-        One entry per sector; None where no lap completed it.
-    """
-    return tuple(min((t for t in times if t is not None), default=None) for times in zip(*laps, strict=True))
-
-
-def best_sectors_together(laps: Iterable[Sequence[float | None]]) -> float | None:
-    """The sum of the best time of each sector, s: the theoretical best lap.
-
-    Args:
-        laps: As in `best_times`.
-
-    Returns:
         The sum of the times as they are, none of them rounded; None unless every sector has a time.
     """
-    best = best_times(laps)
+    best = [min((t for t in times if t is not None), default=None) for times in zip(*laps, strict=True)]
     known = [time for time in best if time is not None]
     return float(sum(known)) if known and len(known) == len(best) else None
 
@@ -152,7 +140,7 @@ def tyre_figures(ride: Ride) -> dict[str, float | None] | None:
         Its figures by name, or None where no telemetry of it was recorded.
     """
     telemetry = ride.telemetry
-    if telemetry is None or not len(telemetry.step):
+    if not len(telemetry):
         return None
     nothing = np.empty(0)
     period = float(ride.states.control_period[0])
@@ -202,7 +190,7 @@ _LOST = ("rear_contact_lost", "front_contact_lost")
 def telemetry_columns(ride: Ride, rows: slice) -> dict[str, Floats]:
     """Telemetry of some of a ride's states, by name of the table's column; NaN where a state has none."""
     telemetry = ride.telemetry
-    if telemetry is None or not len(telemetry.step):
+    if not len(telemetry):
         return {}
     steps = ride.states.step[rows]
     order = np.argsort(telemetry.step, kind="stable")

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
 from typing import Any, Final
 
 import numpy as np
 
 from bike_analysis.figures.compare import Comparison
 from bike_analysis.figures.metrics import latency_figures
-from bike_analysis.figures.recorded import RecordedRide, RideRecording
+from bike_analysis.figures.rides import Ride
+from bike_analysis.read.reading import Recording
 
 SCHEMA: Final = "bike.analyze/4"
 
@@ -24,26 +24,25 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def recording_figures(recording: RideRecording) -> dict[str, Any]:
+def recording_figures(recording: Recording) -> dict[str, Any]:
     """Describe a recording; what was not recorded is None."""
-    data = recording.data
-    median, p99 = latency_figures(data.latencies)
+    median, p99 = latency_figures(recording.latencies)
     return {
-        "recording": str(data.path),
-        "vehicle": data.vehicle or None,
+        "recording": str(recording.path),
+        "vehicle": recording.vehicle or None,
         "policy": recording.policy or None,
-        "truncated": data.truncated,
-        "warnings": data.warnings,
-        "notes": data.notes,
-        "messages": data.message_count,
-        "topics": data.topics,
-        "dropped_messages": data.dropped_messages,
+        "truncated": recording.truncated,
+        "warnings": recording.warnings,
+        "notes": recording.notes,
+        "messages": recording.message_count,
+        "topics": recording.topics,
+        "dropped_messages": recording.dropped_messages,
         "latency_median_s": median,
         "latency_p99_s": p99,
     }
 
 
-def ride_entry(ride: RecordedRide) -> dict[str, Any]:
+def ride_entry(ride: Ride) -> dict[str, Any]:
     """Describe a ride: its recording and its figures."""
     return {"recording": str(ride.recording.path), **ride.figures}
 
@@ -57,7 +56,7 @@ def comparison_figures(comparison: Comparison) -> dict[str, Any]:
         "spacing_m": float(stations[1] - stations[0]) if len(stations) > 1 else 0.0,
         "stations": len(stations),
         "runs": [_run_figures(comparison, index) for index in range(len(runs))],
-        "sectors": [asdict(sector) for sector in comparison.sectors],
+        "sectors": list(comparison.sectors),
         "theoretical_lap_s": comparison.best_sectors_s,
     }
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from html import escape
 from typing import Final
 
@@ -22,12 +21,12 @@ from bike_analysis.page.view import FAST_CHANNELS, PANELS, MapLine, Series, View
 from bike_analysis.read.container import MAX_SENTENCE
 from bike_sim.course.course import Course
 
-_LEAN: Final = replace(
-    PANELS["lean"], lines=PANELS["lean"].lines[1:], caption="Lean is positive to the right, steer to the left."
-)
-_COMMAND: Final = replace(
-    PANELS["command"], lines=PANELS["command"].lines[1:], caption="In [−1, 1], positive to the left.", ends=(-1.0, 1.0)
-)
+_LEAN: Final = {"lines": PANELS["lean"]["lines"][1:], "caption": "Lean is positive to the right, steer to the left."}
+_COMMAND: Final = {
+    "lines": PANELS["command"]["lines"][1:],
+    "caption": "In [−1, 1], positive to the left.",
+    "ends": (-1.0, 1.0),
+}
 _MOVING: Final = ("time", "distance", "yaw", "roll", "steer", "speed", "error", "command")
 _DRIVEN: Final = ("throttle", "brake", "rear_slip", "front_slip", "rear_load", "front_load")
 """Columns of a vehicle with throttle and brake."""
@@ -44,17 +43,8 @@ _OTHER_HANDS: Final = (
 )
 
 
-@dataclass(frozen=True)
-class Ghost:
-    """A recorded ride or lap that rides along.
-
-    Attributes:
-        series: Its columns; time and distance count from its beginning.
-        is_lap: Whether it begins again with each lap.
-    """
-
-    series: Series
-    is_lap: bool
+Ghost = tuple[Series, bool]
+"""A recorded ride or lap that rides along: columns that count from its beginning, and whether each lap begins it."""
 
 
 def ghost_of(comparison: Comparison, course: Course) -> Ghost | None:
@@ -69,7 +59,7 @@ def ghost_of(comparison: Comparison, course: Course) -> Ghost | None:
         return None
     columns = run_columns(comparison, comparison.reference, is_fast(run.ride))
     shown = {name: column for name, column in columns.items() if name in _SHOWN}
-    return Ghost(Series(run.label, shown, series_colour(1)), run.lap is not None)
+    return Series(run.label, shown, series_colour(1)), run.lap is not None
 
 
 def live_view(course: Course, machine: str, powered: bool, ghost: Ghost | None = None) -> View:
@@ -88,25 +78,21 @@ def live_view(course: Course, machine: str, powered: bool, ghost: Ghost | None =
         "y": np.full(2, course.y[0]),
         **({name: still for name in _DRIVEN} if powered else {}),
     }
-    speed = replace(PANELS["speed"], zero=True, least=10.0) if powered else PANELS["speed"]
+    speed = PANELS["speed"] | ({"zero": True, "least": 10.0} if powered else {})
     keys = ("throttle", "brake", "slip", "load") if powered else ()
-    driven = (replace(PANELS[key], folded=False) for key in keys)
-    panels = (speed, _LEAN, *driven, _COMMAND, PANELS["error"])
-    line, widths = (course.x, course.y, course.heading), (course.width_left, course.width_right)
-    lines = [MapLine("desired path", "reference", *closed(course.closed, course.x, course.y))]
-    if widths[0] is not None and widths[1] is not None:
-        lines += limit_lines(*line, (widths[0], widths[1]), course.closed)
-    title = f"{machine}, {course.name}"
+    driven = (PANELS[key] | {"folded": False} for key in keys)
+    panels = (speed, PANELS["lean"] | _LEAN, *driven, PANELS["command"] | _COMMAND, PANELS["error"])
+    path = MapLine("desired path", "reference", *closed(course, course.x, course.y))
     return View(
         "live",
         f"{machine} on {course.name}",
-        (Series("this ride", columns), *((ghost.series,) if ghost else ())),
+        (Series("this ride", columns), *(ghost[:1] if ghost else ())),
         panels,
-        tuple(lines),
+        (path, *limit_lines(course)),
         colours=(),
-        map_caption="Where the ride is, and its last half minute." + (_GHOST_WORDS[ghost.is_lap] if ghost else ""),
+        map_caption="Where the ride is, and its last half minute." + (_GHOST_WORDS[ghost[1]] if ghost else ""),
         channels=FAST_CHANNELS if powered else {},
-        follow=road_spec(title, float(course.s[1]), line, widths, powered, open=not course.closed),
+        follow=road_spec(f"{machine}, {course.name}", course, powered),
     )
 
 
@@ -145,28 +131,27 @@ def render_live_page(
 
 
 def _controls(rider: str | None, powered: bool) -> str:
+    """Return the buttons; with pace and who rides where the page steers."""
     pause = '<button type="button" data-live="pause">Pause</button>'
     reset = '<button type="button" data-live="reset">Restart</button>'
-    hands = _hands(rider, powered) if rider is not None else ""
-    step = '<button type="button" data-live="step">Step</button>' if rider is not None else ""
+    step = hands = ""
+    if rider is not None:
+        step = '<button type="button" data-live="step">Step</button>'
+        paces = "".join(
+            f'<option value="{pace}"{" selected" if pace == "1" else ""}>{pace} ×</option>'
+            for pace in ("0.1", "0.25", "0.5", "1", "2", "4")
+        )
+        hands = (
+            f'<select aria-label="Pace of the ride">{paces}</select>'
+            '<fieldset class="switch"><legend>who rides</legend>'
+            f'<label><input type="radio" name="who" value="computer" checked>{escape(rider)}</label>'
+            '<label><input type="radio" name="who" value="hands">you</label></fieldset>'
+        )
+        if not powered:
+            hands += '<label class="balance"><input type="checkbox" checked> the computer balances</label>'
     return (
         f'<div class="live-bar" role="group" aria-label="The ride">{pause}{step}{reset}{hands}'
         '<p class="now live-state" role="status"></p></div>'
-    )
-
-
-def _hands(rider: str, powered: bool) -> str:
-    """Return pace and who rides."""
-    paces = "".join(
-        f'<option value="{pace}"{" selected" if pace == "1" else ""}>{pace} ×</option>'
-        for pace in ("0.1", "0.25", "0.5", "1", "2", "4")
-    )
-    balance = "" if powered else '<label class="balance"><input type="checkbox" checked> the computer balances</label>'
-    return (
-        f'<select aria-label="Pace of the ride">{paces}</select>'
-        '<fieldset class="switch"><legend>who rides</legend>'
-        f'<label><input type="radio" name="who" value="computer" checked>{escape(rider)}</label>'
-        f'<label><input type="radio" name="who" value="hands">you</label></fieldset>{balance}'
     )
 
 

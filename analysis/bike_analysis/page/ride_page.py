@@ -11,11 +11,12 @@ from typing import Final
 
 import numpy as np
 
-from bike_analysis.figures.circuit import Circuit, CornerFigures, corner_figures, course_corners
+from bike_analysis.figures.circuit import Theory, corner_figures, course_corners
 from bike_analysis.figures.compare import Comparison, counted_runs
 from bike_analysis.figures.metrics import Figures
 from bike_analysis.figures.numbers import lap_text
-from bike_analysis.figures.recorded import RecordedRide, RideRecording, folder_prefixes
+from bike_analysis.figures.recorded import folder_prefixes
+from bike_analysis.figures.rides import Ride
 from bike_analysis.page.document import (
     html_text,
     key_html,
@@ -33,10 +34,10 @@ from bike_analysis.page.ride_view import FAST, comparison_view, ride_view
 from bike_analysis.page.view import View, view_html
 from bike_analysis.read.container import MAX_SENTENCE
 from bike_analysis.read.messages import Floats
-from bike_analysis.read.rides import Ride
+from bike_analysis.read.reading import Recording
 
 DRAWN_RIDES: Final = 6
-"""Rides that are drawn; the table has all of them."""
+"""Rides that are drawn: the failed ones and those with the largest errors; the table has all of them."""
 
 MOST_COLUMNS: Final = 4
 """Sectors that are columns of the table of times; more are its rows."""
@@ -45,10 +46,10 @@ _ENDS: Final = {"finished": "finished", "fell": "fell", "off_course": "left the 
 
 
 def write_page(
-    recordings: Sequence[RideRecording],
+    recordings: Sequence[Recording],
     path: str | os.PathLike[str],
     comparison: Comparison | None = None,
-    circuit: Circuit | None = None,
+    theory: Theory | None = None,
 ) -> Path:
     """Write the report page.
 
@@ -56,7 +57,7 @@ def write_page(
         recordings: What was read; all their rides are listed, and drawn if they are few.
         path: The file to write; its folder must exist.
         comparison: Rides or laps of them side by side, shown first.
-        circuit: That of the comparison, with the theoretical lap; None without one.
+        theory: The theoretical lap; None without one.
 
     Returns:
         The path.
@@ -64,19 +65,6 @@ def write_page(
     Raises:
         ValueError: If there is no recording.
         OSError: If the file cannot be written.
-    """
-    target = Path(path)
-    target.write_text(render_page(recordings, comparison, circuit), encoding="utf-8")
-    return target
-
-
-def render_page(
-    recordings: Sequence[RideRecording], comparison: Comparison | None = None, circuit: Circuit | None = None
-) -> str:
-    """Make the report page; see `write_page`.
-
-    Returns:
-        HTML without any reference to the outside.
     """
     if not recordings:
         raise ValueError("a page needs at least one recording")
@@ -87,19 +75,20 @@ def render_page(
     sources = [prefix + recording.path.name if several else "" for prefix, recording in named]
     labels = [prefix + ride.label for prefix, recording in named for ride in recording.rides]
     names = [f"Ride {number}: {label}" if several else f"Ride {number}" for number, label in enumerate(labels, start=1)]
-    drawn = _chosen([ride.figures for ride in rides])
+    figures = [ride.figures for ride in rides]
+    failed_or_far = [(f.falls + f.off_course == 0, -(f.max_error_m or 0.0)) for f in figures]
+    drawn = sorted(sorted(range(len(rides)), key=failed_or_far.__getitem__)[:DRAWN_RIDES])
     views: list[View] = []
     parts = ["".join(map(_warnings, recordings, sources))]
-    if circuit is not None:
-        title = f"{recordings[0].vehicle} on {circuit.track.name}"
-        parts.append(_agreement(circuit))
+    if theory is not None:
+        title = f"{recordings[0].vehicle} on {theory.track.name}"
     elif comparison is not None and several:
         title = comparison.title
     else:
         title = f"{len(recordings)} recordings" if several else recordings[0].path.name
     if comparison is not None:
-        views.append(comparison_view(comparison, "comparison", circuit))
-        parts.append(_comparison(comparison, circuit, views[0]))
+        views.append(comparison_view(comparison, "comparison", theory))
+        parts.append(_comparison(comparison, theory, views[0]))
     if len(rides) > 1:
         parts.append(_overview(rides, names, drawn))
     for index in drawn:
@@ -108,36 +97,32 @@ def render_page(
         view = ride_view(rides[index].evaluated, f"ride-{index + 1}", name)
         views.append(view)
         parts.append(_ride(rides[index], names[index], view))
-    return page_shell(title, _below(list(zip(recordings, sources, strict=True))), parts, views)
+    target = Path(path)
+    text = page_shell(title, _below(list(zip(recordings, sources, strict=True))), parts, views)
+    target.write_text(text, encoding="utf-8")
+    return target
 
 
 # ---- side by side --------------------------------------------------------------------------------------------------
 
 
-def _comparison(comparison: Comparison, circuit: Circuit | None, view: View) -> str:
+def _comparison(comparison: Comparison, theory: Theory | None, view: View) -> str:
     reference = html_text(comparison.short_labels[comparison.reference])
     return (
-        f'<section id="comparison"><h2>Side by side</h2>{_lap_key(comparison, circuit)}'
+        f'<section id="comparison"><h2>Side by side</h2>{_lap_key(comparison, theory)}'
         f'<p class="soft">{len(comparison.runs)} rides or laps at the same places along the course. The reference is '
-        f"{reference}.</p>{view_html(view)}<h3>Lap and sector times</h3>{time_table(comparison, circuit)}"
-        f"{corner_tables(comparison, circuit, view)}</section>"
+        f"{reference}.</p>{view_html(view)}<h3>Lap and sector times</h3>{time_table(comparison, theory)}"
+        f"{corner_tables(comparison, theory, view)}</section>"
     )
 
 
-def _agreement(circuit: Circuit) -> str:
-    if circuit.timing_agrees:
-        return '<p class="soft">Computed again from the recorded contact points, all times equal the events.</p>'
-    words = "The times computed from the recording differ from its events."
-    return f'<div class="warning" role="status"><p>{words}</p></div>'
-
-
-def _lap_key(comparison: Comparison, circuit: Circuit | None) -> str:
+def _lap_key(comparison: Comparison, theory: Theory | None) -> str:
     """The best lap beside the theoretical one."""
-    if circuit is None:
+    if theory is None:
         return ""
     reference = comparison.runs[comparison.reference]
     best = reference.duration_s if reference.kind == "flying" else None
-    limit = circuit.theory.lap_time
+    limit = theory.lap_time
     entries = [
         ("best flying lap", "–" if best is None else lap_text(best), ""),
         ("theoretical lap", lap_text(limit), ""),
@@ -146,7 +131,7 @@ def _lap_key(comparison: Comparison, circuit: Circuit | None) -> str:
     return key_html(entries)
 
 
-def time_table(comparison: Comparison, circuit: Circuit | None = None) -> str:
+def time_table(comparison: Comparison, theory: Theory | None = None) -> str:
     """Times of the runs and of their sectors, as HTML, each with what it is over the best one; the best are marked.
 
     A row is a run, or a sector where there are many. Laps from a standing or rolling start do not count as the best
@@ -162,8 +147,7 @@ def time_table(comparison: Comparison, circuit: Circuit | None = None) -> str:
     ]
     if comparison.best_sectors_s is not None:
         rows.append(("best sectors", "together", [comparison.best_sectors_s, *best[1:]]))
-    if circuit is not None:
-        theory = circuit.theory
+    if theory is not None:
         rows.append(("theoretical", "", [theory.lap_time, *theory.sector_times]))
     names = ["time"]
     for number, sector in enumerate(sectors, start=1):
@@ -192,10 +176,10 @@ _CORNER_HEAD: Final = (
 )
 
 
-def corner_tables(comparison: Comparison, circuit: Circuit | None, view: View) -> str:
+def corner_tables(comparison: Comparison, theory: Theory | None, view: View) -> str:
     """A table of the corners for each complete lap: of the reference against the theoretical lap, else against it."""
     reference = comparison.runs[comparison.reference]
-    corners = course_corners(reference.ride.course, circuit.track if circuit is not None else None)
+    corners = course_corners(reference.ride.course, theory.track if theory is not None else None)
     names = comparison.short_labels
     durations = {names[k]: run.duration_s for k, run in enumerate(comparison.runs) if run.lap is not None}
     ridden = [series for series in view.series if series.name in durations]
@@ -205,11 +189,11 @@ def corner_tables(comparison: Comparison, circuit: Circuit | None, view: View) -
     laps = {s.name: _from_line_to_line(s.columns, length, durations[s.name]) for s in ridden}
     first = ridden[0].name
     parts = ["<h3>Corners</h3>"]
-    if circuit is not None:
-        theory = _from_line_to_line(view.series[-1].columns, length, circuit.theory.lap_time)
-        found = corner_figures(corners, length, laps[first], theory)
+    if theory is not None:
+        ideal = _from_line_to_line(view.series[-1].columns, length, theory.lap_time)
+        found = corner_figures(corners, length, laps[first], ideal)
         parts.append(_corner_table(found, f"{first}, measured against the theoretical lap", is_open=True))
-    for other in [series.name for series in ridden[1:]] or ([] if circuit is not None else [first]):
+    for other in [series.name for series in ridden[1:]] or ([] if theory is not None else [first]):
         found = corner_figures(corners, length, laps[other], laps[first])
         parts.append(_corner_table(found, f"{other}, measured against {first}", is_open=len(parts) == 1))
     return "".join(parts)
@@ -223,7 +207,7 @@ def _from_line_to_line(columns: Mapping[str, Floats], length: float, duration: f
     return ended
 
 
-def _corner_table(found: Sequence[CornerFigures], title: str, is_open: bool) -> str:
+def _corner_table(found: Sequence[Figures], title: str, is_open: bool) -> str:
     worst = max((corner.lost_s for corner in found), default=0.0)
     rows = []
     for corner in found:
@@ -243,38 +227,27 @@ def _corner_table(found: Sequence[CornerFigures], title: str, is_open: bool) -> 
 # ---- rides ---------------------------------------------------------------------------------------------------------
 
 
-def _below(recordings: Sequence[tuple[RideRecording, str]]) -> str:
+def _below(recordings: Sequence[tuple[Recording, str]]) -> str:
     """Text below the title: a line for each recording; who made the page ends that of a single one."""
     lines = [html_text(" · ".join(_words(recording, file)), MAX_SENTENCE) for recording, file in recordings]
     made = html_text(f"page by {program_version()}")
     lines = [f"{lines[0]} · {made}"] if len(lines) == 1 else [*lines, made]
-    more = "".join(long_notes(recording.data.notes, file) for recording, file in recordings)
+    more = "".join(long_notes(recording.notes, file) for recording, file in recordings)
     return "".join(f'<p class="soft">{line}</p>' for line in lines) + more
 
 
-def _chosen(figures: Sequence[Figures]) -> list[int]:
-    """Indices of the rides to draw: all if they are few, else the failed ones and those with the largest errors."""
-    if len(figures) <= DRAWN_RIDES:
-        return list(range(len(figures)))
-    worst = sorted(
-        range(len(figures)),
-        key=lambda i: (figures[i].falls + figures[i].off_course == 0, -(figures[i].max_error_m or 0.0)),
-    )
-    return sorted(worst[:DRAWN_RIDES])
-
-
-def _words(recording: RideRecording, file: str) -> list[str]:
+def _words(recording: Recording, file: str) -> list[str]:
     total = sum(ride.figures.duration_s for ride in recording.rides)
     distance = sum(ride.figures.distance_m for ride in recording.rides)
     words = [file] if file else []
-    words += [f"{total:.1f} s of simulated time", f"{distance:.0f} m", f"{recording.data.message_count:,} messages"]
+    words += [f"{total:.1f} s of simulated time", f"{distance:.0f} m", f"{recording.message_count:,} messages"]
     if recording.vehicle:
         words.append(f"vehicle {recording.vehicle}")
-    words += recorded_settings(recording.data)
-    return words + note_words(recording.data.notes, ("vehicle",))
+    words += recorded_settings(recording)
+    return words + note_words(recording.notes, ("vehicle",))
 
 
-def _warnings(recording: RideRecording, file: str) -> str:
+def _warnings(recording: Recording, file: str) -> str:
     if not recording.warnings:
         return ""
     name = f"{file}: " if file else ""
@@ -282,7 +255,7 @@ def _warnings(recording: RideRecording, file: str) -> str:
     return f'<div class="warning" role="status">{lines}</div>'
 
 
-def _overview(rides: Sequence[RecordedRide], names: Sequence[str], drawn: Sequence[int]) -> str:
+def _overview(rides: Sequence[Ride], names: Sequence[str], drawn: Sequence[int]) -> str:
     head = "<th>ride</th><th class=text>course</th><th>speed<br>m/s</th><th>distance<br>m</th><th>time<br>s</th>"
     head += "<th>mean error<br>m</th><th>RMS error<br>m</th><th>max error<br>m</th><th class=text>end</th>"
     rows = []
@@ -303,13 +276,13 @@ def _overview(rides: Sequence[RecordedRide], names: Sequence[str], drawn: Sequen
     return f"<h2>All rides</h2>{note}{table_html(head, rows, 'rides')}"
 
 
-def _ride(ride: RecordedRide, name: str, view: View) -> str:
+def _ride(ride: Ride, name: str, view: View) -> str:
     figures = ride.figures
     course = f" on {html_text(figures.course)}" if figures.course else ""
     speed = f" at {figures.speed_mean_m_s:.2f} m/s" if figures.speed_mean_m_s is not None else ""
     parts = [
         f'<section id="{view.key}"><h2>{html_text(name)}{course}{speed}</h2>',
-        _outcome(ride.data, figures),
+        _outcome(ride, figures),
         key_html(_key_figures(figures)),
         view_html(view),
         _section_table(figures),
@@ -317,7 +290,7 @@ def _ride(ride: RecordedRide, name: str, view: View) -> str:
         _figure_table(figures),
         "</section>",
     ]
-    if not len(ride.data.commands):
+    if not len(ride.commands):
         parts.insert(4, '<p class="soft">The age of commands is not shown: commands were not recorded.</p>')
     return "\n".join(parts)
 

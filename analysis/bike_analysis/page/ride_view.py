@@ -6,13 +6,12 @@ Signs are those of the recording: roll positive leaning right, steer and lateral
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
 
-from bike_analysis.figures.circuit import Circuit, Machine, accelerations, course_corners
+from bike_analysis.figures.circuit import Machine, Theory, accelerations, course_corners
 from bike_analysis.figures.compare import Comparison, counted_runs
 from bike_analysis.figures.laps import beyond_limits, has_limits, lap_range
 from bike_analysis.figures.numbers import (
@@ -24,13 +23,13 @@ from bike_analysis.figures.numbers import (
     telemetry_columns,
     time_shares,
 )
+from bike_analysis.figures.rides import Ride
 from bike_analysis.page.view import (
     CHANNELS,
     FAST_CHANNELS,
     PANELS,
     Drawn,
     MapLine,
-    Panel,
     Series,
     View,
     factor,
@@ -38,7 +37,7 @@ from bike_analysis.page.view import (
     series_colour,
 )
 from bike_analysis.read.messages import Floats, RecordedCourse
-from bike_analysis.read.rides import Ride
+from bike_sim.course.course import Course
 from bike_sim.course.track import Corner
 from bike_sim.schema import BIKE_STATE, GRAVITY, SUSPENSION, TELEMETRY
 
@@ -91,14 +90,16 @@ def ride_view(ride: Ride, key: str, title: str) -> View:
     rows, fast = slice(0, len(ride.states)), is_fast(ride)
     columns = ride_columns(ride, rows, fast)
     corners = course_corners(ride.course)
-    faults = ride_faults(ride)
+    faults, off = ride_faults(ride), off_track(ride, beyond_limits(ride.states, ride.course))
+    ends = [marked(name, "x-thin", "orange", ride, at) for name, at in faults.items()]
+    ends = ends or [marked("end", "square", "ink", ride, [len(ride.states) - 1])]
     return View(
         key,
         title,
         (Series(ride.course.name if ride.course else "ride", columns),),
         panels_for(columns, fast),
         map_lines(ride),
-        ride_marks(ride, faults),
+        (marked("start", "triangle-up", "ink", ride, [0]), *ends, *([off] if off else [])),
         corner_labels(ride.course, corners) or section_labels(ride.course),
         course_sections(ride, columns["distance"]),
         tuple(name for name in ("error", "speed", "roll", "steer", "throttle") if name in columns),
@@ -111,13 +112,13 @@ def ride_view(ride: Ride, key: str, title: str) -> View:
     )
 
 
-def comparison_view(comparison: Comparison, key: str, circuit: Circuit | None = None) -> View:
+def comparison_view(comparison: Comparison, key: str, theory: Theory | None = None) -> View:
     """Return the view of a comparison: traces over distance, variance, and a ghost for each other run.
 
     Args:
         comparison: The runs, aligned. Out-laps are not drawn where there are others.
         key: Unique name on the page.
-        circuit: With the theoretical lap; None without one.
+        theory: The theoretical lap; None without one.
 
     Returns:
         Its view. The reference comes first and carries the cursor.
@@ -126,16 +127,16 @@ def comparison_view(comparison: Comparison, key: str, circuit: Circuit | None = 
     order = sorted(drawn, key=lambda i: (i != comparison.reference, not runs[i].complete, runs[i].duration_s))
     reference = runs[comparison.reference]
     ride, fast = reference.ride, is_fast(reference.ride)
-    machine = circuit.theory.machine if circuit is not None else None
+    machine = theory.machine if theory is not None else None
     columns = [run_columns(comparison, i, fast, machine) for i in order]
     names = comparison.short_labels
     series = [
         Series(names[i], c, series_colour(n), kind=runs[i].kind)
         for n, (i, c) in enumerate(zip(order, columns, strict=True))
     ]
-    if circuit is not None:
-        series.append(Series("theoretical", theory_columns(comparison, circuit), "muted", theory=True))
-    corners = course_corners(ride.course, circuit.track if circuit is not None else None)
+    if theory is not None:
+        series.append(Series("theoretical", theory_columns(comparison, theory), "muted", theory=True))
+    corners = course_corners(ride.course, theory.track if theory is not None else None)
     sections = course_sections(ride, columns[0]["distance"], reference.begin_m)
     off = off_track(ride, beyond_limits(ride.states, ride.course))
     bands = aid_bands(ride, reference.rows)
@@ -150,7 +151,7 @@ def comparison_view(comparison: Comparison, key: str, circuit: Circuit | None = 
         () if off is None else (off,),
         corner_labels(ride.course, corners) or section_labels(ride.course),
         corner_sections(corners, columns[0]["distance"]) or sections,
-        coloured if circuit is not None else (),
+        coloured if theory is not None else (),
         "The full dot is the reference, rings are the ghosts of the others at the same time since the beginning. "
         "Buttons above show and hide them." + (" Wider below the path: where an aid acts." if bands else ""),
         FAST_CHANNELS if fast else {},
@@ -165,11 +166,11 @@ def comparison_view(comparison: Comparison, key: str, circuit: Circuit | None = 
             for row in rows
             if runs[i].rows.start <= row < runs[i].rows.stop
         ),
-        len(series) - 1 if circuit is not None else 0,
+        len(series) - 1 if theory is not None else 0,
     )
 
 
-def panels_for(columns: Mapping[str, Floats], fast: bool, compared: bool = False) -> tuple[Panel, ...]:
+def panels_for(columns: Mapping[str, Floats], fast: bool, compared: bool = False) -> tuple[Drawn, ...]:
     """The panels of which there is something to draw.
 
     Args:
@@ -177,25 +178,24 @@ def panels_for(columns: Mapping[str, Floats], fast: bool, compared: bool = False
         fast: Whether it is a motorcycle's.
         compared: Whether other series are beside it: speed and differences come first, and areas are lines.
     """
-    order = [panel for panel in PANELS.values() if fast or panel.key not in _OF_MOTORCYCLES]
+    order = [panel for key, panel in PANELS.items() if fast or key not in _OF_MOTORCYCLES]
     if compared:
-        lean = replace(PANELS["lean"], title="Lean", caption="Positive leaning right.", lines=PANELS["lean"].lines[-1:])
-        first = [PANELS["speed"], PANELS["delta"], PANELS["speed_delta"], lean]
-        rest = [
-            panel for panel in order if panel.key not in ("error", "command", "age", "lean", *(p.key for p in first))
-        ]
-        order = [
-            replace(panel, lines=tuple(replace(line, fill="") for line in panel.lines))
-            for panel in (*first, *rest, PANELS["error"])
-        ]
+        lean = {"title": "Lean", "caption": "Positive leaning right.", "lines": PANELS["lean"]["lines"][-1:]}
+        first = [PANELS["speed"], PANELS["delta"], PANELS["speed_delta"], PANELS["lean"] | lean]
+        others = ("error", "command", "age", *(panel["key"] for panel in first))
+        order = [*first, *(panel for panel in order if panel["key"] not in others), PANELS["error"]]
     else:
         order = order[2:]  # without differences
     kept = []
     for panel in order:
-        lines = tuple(line for line in panel.lines if line.column in columns or panel.key in ("delta", "speed_delta"))
+        lines = [
+            line | ({"fill": ""} if compared else {})
+            for line in panel["lines"]
+            if line["column"] in columns or panel["key"] in ("delta", "speed_delta")
+        ]
         if lines:
-            speeds = fast and lines[0].column in FAST_CHANNELS
-            kept.append(replace(panel, lines=lines, least=5.0 * panel.least if speeds else panel.least))
+            speeds = fast and lines[0]["column"] in FAST_CHANNELS
+            kept.append(panel | {"lines": lines, "least": 5.0 * panel["least"] if speeds else panel["least"]})
     return tuple(kept)
 
 
@@ -271,9 +271,9 @@ def run_columns(comparison: Comparison, index: int, fast: bool, machine: Machine
     return kept | {"distance": comparison.scales[index] * columns["distance"]}
 
 
-def theory_columns(comparison: Comparison, circuit: Circuit) -> dict[str, Floats]:
+def theory_columns(comparison: Comparison, theory: Theory) -> dict[str, Floats]:
     """Columns of the theoretical lap, over arc length as that of the reference; lateral positive to the right, in g."""
-    theory, course = circuit.theory, comparison.runs[comparison.reference].ride.course
+    course = comparison.runs[comparison.reference].ride.course
     step, speed = np.diff(theory.s), theory.speed
     time = np.concatenate([[0.0], np.cumsum(2.0 * step / (speed[:-1] + speed[1:]))])
     return {
@@ -317,24 +317,22 @@ def gg_cloud(columns: Sequence[Mapping[str, Floats]], machine: Machine | None = 
         return None
     x, y = (np.concatenate([c[name] for c in columns]) for name in ("lateral", "along"))
     box = (float(np.nanmin(x)), float(np.nanmax(x)), float(np.nanmin(y)), float(np.nanmax(y)))
-    limited = " The dashed curve is what the machine can do at this speed on level ground, by tyres, engine and brakes."
+    limited, limit = "", None
+    if machine is not None:
+        limited = " The dashed curve is what the machine can do at this speed on level ground."
+        speeds = 3.6 * machine.speeds
+        wanted = np.arange(CURVE_SPEED_STEP, speeds[-1], CURVE_SPEED_STEP)
+        rows = np.unique(np.abs(speeds[:, None] - wanted).argmin(axis=0))
+        curves = np.round(np.stack([machine.lateral[rows], machine.along[rows]], axis=1) / GRAVITY, 3)
+        limit = {"speeds": np.round(speeds[rows], 1).tolist(), "unit": "km/h", "curves": curves.tolist()}
     return {
         "title": "Accelerations (g-g diagram)",
         **{"x": "lateral", "y": "along", "x_label": "lateral in g, right positive", "y_label": "longitudinal in g"},
         "box": box,
         "caption": "From the recorded states: speed times yaw rate, and change of speed. The dot is the cursor."
-        + (limited if machine is not None else ""),
-        "limit": None if machine is None else _gg_limit(machine),
+        + limited,
+        "limit": limit,
     }
-
-
-def _gg_limit(machine: Machine) -> Drawn:
-    """Curves of the g-g diagram, every 10 km/h, in g."""
-    speeds = 3.6 * machine.speeds
-    wanted = np.arange(CURVE_SPEED_STEP, speeds[-1], CURVE_SPEED_STEP)
-    rows = np.unique(np.abs(speeds[:, None] - wanted).argmin(axis=0))
-    curves = np.round(np.stack([machine.lateral[rows], machine.along[rows]], axis=1) / GRAVITY, 3)
-    return {"speeds": [round(float(speed), 1) for speed in speeds[rows]], "unit": "km/h", "curves": curves.tolist()}
 
 
 # ---- map and road --------------------------------------------------------------------------------------------------
@@ -342,38 +340,35 @@ def _gg_limit(machine: Machine) -> Drawn:
 
 def map_lines(ride: Ride) -> tuple[MapLine, ...]:
     """The desired path and, where they were recorded, the limits."""
-    lines = [MapLine("desired path", "reference", *ride.reference_line())]
-    course = ride.course
-    if course is not None and has_limits(course):
-        lines += limit_lines(
-            course.x, course.y, _heading(course), (course.width_left, course.width_right), course.closed
-        )
-    return tuple(lines)
+    return MapLine("desired path", "reference", *ride.reference_line()), *limit_lines(ride.course)
 
 
-def limit_lines(x: Floats, y: Floats, heading: Floats, widths: tuple[Floats, Floats], is_closed: bool) -> list[MapLine]:
-    """The limits to the left and to the right of a line."""
+def limit_lines(course: RecordedCourse | Course | None) -> list[MapLine]:
+    """The limits to the left and to the right of a course; none without them."""
+    if course is None or not has_limits(course):
+        return []
     sides = (("left limit", 1.0), ("right limit", -1.0))
-    return [
-        MapLine(name, "limit", *closed(is_closed, *edge(x, y, heading, side, width)))
-        for (name, side), width in zip(sides, widths, strict=True)
-    ]
+    return [MapLine(name, "limit", *closed(course, *edge(course, side))) for name, side in sides]
 
 
-def _heading(course: RecordedCourse) -> Floats:
-    """Heading of a course at its samples, rad."""
-    return np.asarray(np.arctan2(np.gradient(course.y), np.gradient(course.x)), dtype=np.float64)
+def closed(course: RecordedCourse | Course, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """A line along a course, with its first point as its last one if it is closed."""
+    return (np.append(x, x[0]), np.append(y, y[0])) if course.closed else (x, y)
 
 
-def closed(ends_where_it_begins: bool, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """A line, with its first point as its last one if it is closed."""
-    return (np.append(x, x[0]), np.append(y, y[0])) if ends_where_it_begins else (x, y)
+def edge(course: RecordedCourse | Course, side: float, beyond: float = 0.0) -> tuple[Floats, Floats]:
+    """Edge of a road on the left (`side` 1) or on the right (-1) of a course, m; without limits `PATH_HALF_WIDTH` away.
 
-
-def edge(x: Floats, y: Floats, heading: Floats, side: float, width: Floats | None) -> tuple[Floats, Floats]:
-    """Edge of a road on the left (`side` 1) or on the right (-1) of a line; `PATH_HALF_WIDTH` away without limits."""
-    away = side * (np.full(len(x), PATH_HALF_WIDTH) if width is None else width)
-    return x - away * np.sin(heading), y + away * np.cos(heading)
+    Args:
+        course: With the line.
+        side: Of it.
+        beyond: Farther out, m.
+    """
+    width: Any = PATH_HALF_WIDTH
+    if has_limits(course):
+        width = course.width_left if side > 0.0 else course.width_right
+    away = side * (width + beyond)
+    return course.x - away * np.sin(course.heading), course.y + away * np.cos(course.heading)
 
 
 def follow_spec(ride: Ride, title: str, powered: bool, lap_time: str = "") -> Drawn | None:
@@ -384,42 +379,30 @@ def follow_spec(ride: Ride, title: str, powered: bool, lap_time: str = "") -> Dr
     motion = (states.x, states.y, states.yaw, states.roll, states.speed, states.progress)
     if not all(np.isfinite(column).any() for column in motion):
         return None
-    widths = (course.width_left, course.width_right) if has_limits(course) else (None, None)
-    line = (course.x, course.y, _heading(course))
-    return road_spec(title, float(course.s[1]), line, widths, powered, open=not course.closed, lapTime=lap_time)
+    return road_spec(title, course, powered, lap_time)
 
 
-def road_spec(
-    title: str,
-    step: float,
-    line: tuple[Floats, Floats, Floats],
-    widths: tuple[Floats | None, Floats | None],
-    powered: bool,
-    **more: Any,
-) -> dict[str, Any]:
+def road_spec(title: str, course: RecordedCourse | Course, powered: bool, lap_time: str = "") -> Drawn:
     """Return the data of a road that is seen from behind a vehicle.
 
     Args:
         title: Above the instruments.
-        step: Distance of the line's points, m.
-        line: x, m, y, m, and heading, rad, of the followed line.
-        widths: Distances to the left and the right limit, m; None without limits.
+        course: With the followed line.
         powered: Whether the machine has an engine: its speed is in km/h.
-        more: ``open``, whether the road does not end where it begins, and ``lapTime``, a text.
+        lap_time: Below the title.
     """
-    x, y, heading = line
-    edges = [c for side, width in zip((1.0, -1.0), widths, strict=True) for c in edge(x, y, heading, side, width)]
-    every = max(1, -(-len(x) // ROAD_POINTS), round(ROAD_STEPS[powered] / step))
+    step = float(course.s[1])
+    every = max(1, -(-len(course.x) // ROAD_POINTS), round(ROAD_STEPS[powered] / step))
+    edges = (*edge(course, 1.0), *edge(course, -1.0))
     return {
         "title": title,
-        "lapTime": "",
+        "lapTime": lap_time,
         "step": step * every,
         "edges": [np.round(values[::every], 2).tolist() for values in edges],
-        "line": [np.round(values[::every], 2).tolist() for values in (x, y)],
-        "open": False,
+        "line": [np.round(values[::every], 2).tolist() for values in (course.x, course.y)],
+        "open": not course.closed,
         "unit": "km/h" if powered else "m/s",
         "machine": "superbike" if powered else "bicycle",
-        **more,
     }
 
 
@@ -435,16 +418,6 @@ def ride_faults(ride: Ride) -> dict[str, list[int]]:
         if rows:
             found[name] = rows
     return found
-
-
-def ride_marks(ride: Ride, faults: Mapping[str, list[int]]) -> tuple[Drawn, ...]:
-    """Marks of beginning and end, of faults, and of places where both wheels were beyond the limits."""
-    marks = [marked("start", "triangle-up", "ink", ride, [0])]
-    marks += [marked(name, "x-thin", "orange", ride, rows) for name, rows in faults.items()]
-    if len(marks) == 1:
-        marks.append(marked("end", "square", "ink", ride, [len(ride.states) - 1]))
-    off = off_track(ride, beyond_limits(ride.states, ride.course))
-    return tuple(marks if off is None else [*marks, off])
 
 
 def off_track(ride: Ride, outside: Floats) -> Drawn | None:
@@ -506,10 +479,9 @@ def corner_labels(course: RecordedCourse | None, corners: Sequence[Corner]) -> t
     """Number of each corner beside the track: outside of the corner, or where it is farthest from any part of it."""
     if course is None or not corners:
         return ()
-    heading, widths = _heading(course), {1.0: course.width_left, -1.0: course.width_right}
-    road = np.concatenate([np.stack(edge(course.x, course.y, heading, *side), 1) for side in widths.items()])
+    road = np.concatenate([np.stack(edge(course, side), 1) for side in (1.0, -1.0)])
     beside = max(LABEL_DISTANCE, LABEL_SHARE * float(np.ptp(road, axis=0).max()))
-    outside = {side: edge(course.x, course.y, heading, side, width + beside) for side, width in widths.items()}
+    outside = {side: edge(course, side, beside) for side in (1.0, -1.0)}
     labels = []
     for corner in corners:
         row = int(np.clip(np.searchsorted(course.s, corner.apex), 0, len(course.s) - 1))

@@ -12,13 +12,11 @@ from matplotlib import font_manager
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from bike_analysis.figures.laps import has_limits
 from bike_analysis.figures.numbers import lap_text
-from bike_analysis.figures.recorded import RecordedRide
+from bike_analysis.figures.rides import Ride
 from bike_analysis.page.ride_view import edge, is_fast
 from bike_analysis.read.container import shown
 from bike_analysis.read.messages import Floats
-from bike_analysis.read.rides import Ride
 
 SIZE: Final = (960, 540)
 """Pixels of a frame."""
@@ -49,7 +47,7 @@ _VEHICLES: Final = {
 
 
 def write_video(
-    ride: RecordedRide, path: str | os.PathLike[str], begin_s: float = 0.0, duration_s: float | None = None
+    ride: Ride, path: str | os.PathLike[str], begin_s: float = 0.0, duration_s: float | None = None
 ) -> Path:
     """Write a video of a ride at its own pace.
 
@@ -66,7 +64,7 @@ def write_video(
         ValueError: If the file is of another kind, nothing is left to show, or the ride has no course or position.
         OSError: If the file cannot be written.
     """
-    target, time, states, course = Path(path), ride.data.time, ride.data.states, ride.course
+    target, time, states, course = Path(path), ride.time, ride.states, ride.course
     kind = target.suffix.lower()
     if kind not in RATES:
         raise ValueError(f"a video is an .mp4 or a .gif, not {target.name!r}")
@@ -76,7 +74,7 @@ def write_video(
     motion = np.stack([states.x, states.y, np.unwrap(states.yaw), states.roll, states.speed, states.progress])
     if course is None or len(course.x) < 3 or not np.isfinite(motion).any(axis=1).all():
         raise ValueError("a video needs a recorded course, positions and lean")
-    draw = partial(_frame, ride.data, ride.recording.vehicle, np.nan_to_num(motion))
+    draw = partial(_frame, ride, ride.recording.vehicle, np.nan_to_num(motion))
     frames = map(draw, begin_s + np.arange(max(1, round((end - begin_s) * RATES[kind]))) / RATES[kind])
     if kind == ".gif":  # half as large, because it is not compressed well
         first, *rest = (frame.reduce(2).quantize(96, dither=Image.Dither.NONE) for frame in frames)
@@ -194,14 +192,8 @@ class _Camera:
         places = progress + _AHEAD[powered]
         places = places if course.closed else places[(places >= 0.0) & (places <= course.s[-1])]
         period = course.length if course.closed else None
-        turn = np.unwrap(np.arctan2(np.gradient(course.y), np.gradient(course.x)))
-        widths = (
-            (course.width_left, course.width_right)
-            if course.width_left is not None and has_limits(course)
-            else (None, None)
-        )
-        columns = [*edge(course.x, course.y, turn, 1.0, widths[0]), *edge(course.x, course.y, turn, -1.0, widths[1])]
-        lines = np.stack([np.interp(places, course.s, c, period=period) for c in (*columns, course.x, course.y)], 1)
+        columns = (*edge(course, 1.0), *edge(course, -1.0), course.x, course.y)
+        lines = np.stack([np.interp(places, course.s, c, period=period) for c in columns], 1)
         left, right, middle = lines[:, :2], lines[:, 2:4], lines[:, 4:]
         side = (right - left) / np.hypot(*(right - left).T)[:, None]
         heading = np.unwrap(np.arctan2(*np.gradient(middle, axis=0).T))

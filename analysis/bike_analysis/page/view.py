@@ -65,64 +65,16 @@ def factor(channel: Channel, quantity: Quantity) -> float:
     return _FACTORS.get((quantity.unit, channel.unit), 1.0)
 
 
-@dataclass(frozen=True)
-class PanelLine:
-    """A line of a panel.
-
-    Attributes:
-        column: What it shows.
-        name: In the legend.
-        colour: Name of a colour of the page; with several series theirs are taken.
-        fill: Empty, ``area`` (filled to zero) or ``band`` (filled without a line).
-        step: Whether a value holds from the row before on.
-        dash: Whether it is dashed.
-    """
-
-    column: str
-    name: str
-    colour: str
-    fill: str = ""
-    step: bool = False
-    dash: bool = False
-
-
-@dataclass(frozen=True)
-class Panel:
-    """A plot over distance or time.
-
-    Attributes:
-        key: Name within its view.
-        title: Above it.
-        lines: What it shows; its axis has the unit of their channels.
-        caption: Below it.
-        zero: Whether zero is always in sight.
-        least: Smallest height of the shown range, in units of the axis.
-        ends: Values that are always in sight, or None.
-        bands: Keys of the view's bands that are shown along its foot.
-        folded: Whether only its head is shown until the reader opens it.
-    """
-
-    key: str
-    title: str
-    lines: tuple[PanelLine, ...]
-    caption: str = ""
-    zero: bool = True
-    least: float = 0.0
-    ends: tuple[float, float] | None = None
-    bands: tuple[str, ...] = ()
-    folded: bool = False
-
-
-def _panel(key: str, row: dict[str, Any]) -> Panel:
-    values: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in row.items()}
-    return Panel(key, **values | {"lines": tuple(PanelLine(**line) for line in row["lines"])})
-
+Drawn = dict[str, Any]
+"""Something that a view draws, by the names that `View` lists; JSON as it stands."""
 
 _TABLES: Final = parse_yaml((files("bike_analysis.page") / "panels.yaml").read_text(encoding="utf-8"))
 CHANNELS: Final = {name: Channel(*row) for name, row in _TABLES["channels"].items()}
 """Quantities that views show, by the name of their column."""
-PANELS: Final = {key: _panel(key, row) for key, row in _TABLES["panels"].items()}
-"""Panels that views show, by key."""
+PANEL: Final[Drawn] = {"caption": "", "zero": True, "least": 0.0, "ends": None, "bands": (), "folded": False}
+"""What a panel is where it does not say."""
+PANELS: Final[dict[str, Drawn]] = {key: {"key": key} | PANEL | row for key, row in _TABLES["panels"].items()}
+"""Panels that views show, by key; ``panels.yaml`` describes them."""
 FAST_CHANNELS: Final = {name: replace(CHANNELS[name], unit="km/h", digits=1) for name in ("speed", "speed_delta")}
 """Speeds of machines that ride on roads and circuits."""
 FOLLOWED: Final = ("speed", "roll", "steer", "throttle", "brake", "gear", "engine")
@@ -158,10 +110,6 @@ class MapLine:
     y: Floats
 
 
-Drawn = dict[str, Any]
-"""Something that a view draws, by the names that `View` lists; JSON as it stands."""
-
-
 @dataclass(frozen=True)
 class View:
     """All that one view draws.
@@ -170,7 +118,7 @@ class View:
         key: Unique name on the page.
         title: Of exported pictures.
         series: The first one carries the cursor.
-        panels: From top to bottom.
+        panels: From top to bottom, as in `PANELS`.
         lines: Behind the map.
         marks: Known places on the map: ``name``, ``symbol`` (``triangle-up``, ``square``, ``x-thin``, ``circle-open``),
             ``colour``, and lists of ``x`` and ``y``, m.
@@ -196,7 +144,7 @@ class View:
     key: str
     title: str
     series: tuple[Series, ...]
-    panels: tuple[Panel, ...]
+    panels: tuple[Drawn, ...]
     lines: tuple[MapLine, ...] = ()
     marks: tuple[Drawn, ...] = ()
     labels: tuple[Drawn, ...] = ()
@@ -239,7 +187,7 @@ class View:
     def _drawn(self) -> set[str]:
         """Names of the columns that something draws; the page carries no others."""
         names = {"distance", "time", "x", "y", "yaw", *self.colours}
-        names |= {line.column for panel in self.panels for line in panel.lines}
+        names |= {line["column"] for panel in self.panels for line in panel["lines"]}
         if self.cloud is not None:
             names |= {self.cloud["x"], self.cloud["y"], "speed"}
         if self.reference is not None:
@@ -274,6 +222,10 @@ def series_colour(index: int) -> str:
 
 # ---- as HTML --------------------------------------------------------------------------------------------------------
 
+_FOLLOW: Final = (
+    '<figure class="follow" data-plot="follow"><canvas width="960" height="540" role="img" '
+    'aria-label="The ride seen from behind, at the cursor"></canvas></figure>'
+)
 _EXPORT: Final = '<span class="export"><button type="button" data-save aria-label="Save “@” as PNG">PNG</button></span>'
 
 
@@ -297,7 +249,7 @@ def view_html(view: View, pads: Sequence[str] = ()) -> str:
         [
             f'<div class="view" id="{escape(view.key)}-view">',
             _tools_html(view),
-            f'<div class="bench"><div class="side">{_follow_html(view)}{map_html}</div>',
+            f'<div class="bench"><div class="side">{"" if view.follow is None else _FOLLOW}{map_html}</div>',
             f'<div class="traces">{"".join(panels)}</div></div></div>',
         ]
     )
@@ -316,11 +268,11 @@ def _figure(key: str, title: str, caption: str, kind: str, head: str = "", foot:
     )
 
 
-def _panel_html(view: View, panel: Panel) -> str:
+def _panel_html(view: View, panel: Drawn) -> str:
     """A panel with the unit of its vertical axis next to the title, because the ticks leave no room for it."""
-    unit = view.channel(panel.lines[0].column).unit
+    unit = view.channel(panel["lines"][0]["column"]).unit
     head = f'<small class="soft">in {escape(unit)}</small>' if unit else ""
-    return _figure(panel.key, panel.title, panel.caption, "panel folded" if panel.folded else "panel", head)
+    return _figure(panel["key"], panel["title"], panel["caption"], "panel folded" if panel["folded"] else "panel", head)
 
 
 def _map_html(view: View) -> str:
@@ -333,15 +285,6 @@ def _map_html(view: View) -> str:
         choice = '<label class="choice"><span>coloured by </span><select aria-label="The path is coloured by">'
         choice += f"{''.join(options)}</select></label>"
     return _figure("map", "Map", view.map_caption, "map", choice, '<div class="scale"></div>')
-
-
-def _follow_html(view: View) -> str:
-    if view.follow is None:
-        return ""
-    return (
-        '<figure class="follow" data-plot="follow"><canvas width="960" height="540" role="img" '
-        'aria-label="The ride seen from behind, at the cursor"></canvas></figure>'
-    )
 
 
 def _tools_html(view: View) -> str:

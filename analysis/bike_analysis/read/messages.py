@@ -17,6 +17,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_sim.course.lap_timing import EventKind
 from bike_sim.schema import BIKE_STATE, FLAG, LIMITS, SUSPENSION, TELEMETRY, Quantity
 
 Floats = NDArray[np.float64]
@@ -264,12 +265,7 @@ def suspension_of(signals: Floats, names: Sequence[str]) -> dict[str, Floats]:
     return {name: signals[:, place] for name, place in places.items() if np.any(signals[:, place])}
 
 
-def empty_table(type_name: str) -> Table:
-    """A table without rows."""
-    return make_table(type_name, np.empty(0, np.int64), np.empty(0), {})
-
-
-EVENT_KINDS: Final = ("reset", "fall", "off_course", "wall", "lap", "finish", "sector", "back_on_course")
+EVENT_KINDS: Final = tuple(kind.name.lower() for kind in EventKind)
 """Names of ``RideEvent.kind``, by number."""
 MAX_COURSE: Final = 1e7
 """m."""
@@ -308,7 +304,6 @@ class RecordedCourse:
         name: Its name.
         closed: Whether it ends where it begins.
         length: Its length, m.
-        off_course_limit: Lateral error beyond which a ride counts as off course, m.
         s: Arc length of each sample, m.
         x: Samples in map, m.
         y: Samples in map, m.
@@ -324,7 +319,6 @@ class RecordedCourse:
     name: str
     closed: bool
     length: float
-    off_course_limit: float
     s: Floats
     x: Floats
     y: Floats
@@ -333,6 +327,11 @@ class RecordedCourse:
     width_right: Floats
     section_names: tuple[str, ...]
     section_starts: Floats
+
+    @property
+    def heading(self) -> Floats:
+        """Direction at the samples, rad, not wrapped."""
+        return np.asarray(np.unwrap(np.arctan2(np.gradient(self.y), np.gradient(self.x))), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -401,8 +400,7 @@ def course_of(order: int, message: Any) -> RecordedCourse:
     arrays: dict[str, Any] = {name: np.array(getattr(message, name), dtype=np.float64) for name in _COURSE_ARRAYS}
     course = RecordedCourse(
         order,
-        *(int(message.episode), str(message.name), bool(message.closed)),
-        *(float(message.length), float(message.off_course_limit)),
+        *(int(message.episode), str(message.name), bool(message.closed), float(message.length)),
         section_names=tuple(map(str, message.section_names)),
         **arrays,
     )

@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,6 @@ from bike_analysis.read.messages import (
     Table,
     course_of,
     dropped_messages,
-    empty_table,
     event_of,
     latency_of,
     make_table,
@@ -49,6 +48,9 @@ from bike_analysis.read.messages import (
     suspension_of,
 )
 from bike_sim.schema import SIGNALS
+
+if TYPE_CHECKING:
+    from bike_analysis.figures.rides import Ride
 
 LARGEST_DEFINITION: Final = 256 * 1024
 """Longer definitions of a type are not parsed, bytes. That of our states has six thousand."""
@@ -107,24 +109,15 @@ class _TopicReader:
         if stamp[0] is None or stamp[1] is None:
             return order, log_time_s, columns
         time_s: Floats = np.asarray(stamp[0] + 1e-9 * stamp[1], dtype=np.float64)
-        if self.type_name in MOTION_TYPES:
-            time_s = _with_unknown_times(time_s, log_time_s)
+        unknown, known = np.flatnonzero(time_s == 0.0), np.flatnonzero(time_s)
+        if self.type_name not in MOTION_TYPES or not len(unknown):
+            return order, time_s, columns
+        if not len(known):  # nodes that do not know the time write 0
+            return order, log_time_s, columns
+        # The log time may be of another clock: only its distance from the next message with a stamp counts.
+        near = known[np.minimum(np.searchsorted(known, unknown), len(known) - 1)]
+        time_s[unknown] = time_s[near] + (log_time_s[unknown] - log_time_s[near])
         return order, time_s, columns
-
-
-def _with_unknown_times(time_s: Floats, log_time_s: Floats) -> Floats:
-    """Stamps where those that are 0, which is what nodes write that do not know the time, come from the log times.
-
-    The log time may be of another clock. So only its distance from the next message with a stamp counts, where there is
-    one.
-    """
-    unknown, known = np.flatnonzero(time_s == 0.0), np.flatnonzero(time_s)
-    if not len(known):
-        return log_time_s
-    near = known[np.minimum(np.searchsorted(known, unknown), len(known) - 1)]
-    times = time_s.copy()
-    times[unknown] = time_s[near] + (log_time_s[unknown] - log_time_s[near])
-    return times
 
 
 DEFAULT_NAMESPACE: Final = "/bike"
@@ -133,7 +126,7 @@ _T = TypeVar("_T")
 _NOTES: Final = "ride_notes"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recording:
     """All that was read.
 
@@ -151,10 +144,11 @@ class Recording:
             missing.
         warnings: What was missing or wrong, one sentence each.
         message_count: Messages read, of all topics.
-        telemetry: What tyres and engine did, or None where it was not recorded.
+        telemetry: What tyres and engine did; empty where it was not recorded.
         topics: Number of messages read by topic.
         simulations: Engines and steps by which motion was computed, each once; none without beginnings.
         dropped_messages: Messages that the recorder had to give up, as it reported them; None without a report.
+        rides: Its rides, in order, at least one; `bike_analysis.open_ride` finds them.
     """
 
     path: Path
@@ -169,10 +163,19 @@ class Recording:
     truncated: bool
     warnings: tuple[str, ...]
     message_count: int
-    telemetry: Table | None = None
+    telemetry: Table
     topics: dict[str, int] = field(default_factory=dict)
     simulations: tuple[Simulation, ...] = ()
     dropped_messages: int | None = None
+    rides: tuple[Ride, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<Recording {self.path.name}: {len(self.rides)} rides, {len(self.states)} states>"
+
+    @property
+    def policy(self) -> str:
+        """Rider, from the recorder's note ``policy``; empty where unknown."""
+        return self.notes.get("policy", "")
 
 
 def read_recording(path: str | os.PathLike[str], namespace: str | None = None) -> Recording:
@@ -317,7 +320,7 @@ class _Reader:
             truncated=self._incomplete or any(box.truncated or box.damaged_chunks for box in self._containers),
             warnings=tuple(self._warnings),
             message_count=self._message_count,
-            telemetry=self._telemetry(f"{name}/telemetry"),
+            telemetry=self._table(f"{name}/telemetry", TELEMETRY_TYPE, expected=False),
             simulations=tuple(dict.fromkeys(self._converted(f"{name}/episode", simulation_of))),
             topics=dict(sorted(self._counts.items())),
             dropped_messages=dropped_messages(reports, name),
@@ -377,8 +380,8 @@ class _Reader:
         if reader is None or reader.type_name != kind:
             if expected:
                 self._warn(f"topic {topic} was not recorded")
-            return empty_table(kind)
-        if reader.missing:
+            return make_table(kind, np.empty(0, np.int64), np.empty(0), {})
+        if reader.missing and kind != TELEMETRY_TYPE:
             self._warn(f"{topic} has no {', '.join(reader.missing)}; what needs them is left out")
         order, time_s, columns = reader.finish()
         if not len(order) and kind == STATE_TYPE:
@@ -388,12 +391,6 @@ class _Reader:
             return table
         names = next(self._converted(f"{topic.removesuffix('/state')}/episode", signal_names_of), ())
         return table.with_columns(**suspension_of(columns["signals"], names))
-
-    def _telemetry(self, topic: str) -> Table | None:
-        reader = self._topics.pop(topic, None)
-        if reader is None or reader.type_name != TELEMETRY_TYPE:
-            return None
-        return make_table(TELEMETRY_TYPE, *reader.finish())
 
     def _foreign(self) -> Table:
         """States computed from standard messages, with a sentence that says of which."""
@@ -450,20 +447,15 @@ def forward_time(time_s: Floats, episode: Integers, step: Integers, period: Floa
             continue
         if not faults:
             time_s = time_s.copy()
-        time_s[first:last] = stamps[0] + (steps - steps[0]) * _usual_period(stamps, steps, period[first:last])
+        known = period[first:last][np.nan_to_num(period[first:last]) > 0.0]
+        if not len(known):  # the usual one between stamps that go forward
+            across, along = np.diff(stamps), np.diff(steps)
+            forward = (across > 0.0) & (along > 0)
+            known = across[forward] / along[forward]
+        time_s[first:last] = stamps[0] + (steps - steps[0]) * (float(np.median(known)) if len(known) else 0.0)
         times = "once" if len(falls) == 1 else f"{len(falls)} times"
         faults.append(
             f"the stamps of ride {ride} go back in time {times}, first after step {steps[falls[0]]}: "
             "its time is counted from its steps"
         )
     return time_s, faults
-
-
-def _usual_period(stamps: Floats, steps: Integers, period: Floats) -> float:
-    """Control period of a ride, s: as recorded, or else the usual one between stamps that go forward; 0 without any."""
-    known = period[np.isfinite(period) & (period > 0.0)]
-    if not len(known):
-        across, along = np.diff(stamps), np.diff(steps)
-        forward = (across > 0.0) & (along > 0)
-        known = across[forward] / along[forward]
-    return float(np.median(known)) if len(known) else 0.0

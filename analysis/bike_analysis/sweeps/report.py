@@ -116,7 +116,9 @@ def draw_curves(runs: pd.DataFrame, curves: pd.DataFrame, quantities: Sequence[s
             if axis == STEP:
                 panel.xaxis.set_major_formatter(lambda x, _: f"{x:,.0f}")
             panel.margins(x=0.01)
-        _add_legend(figure, panels[0])
+        handles, labels = panels[0].get_legend_handles_labels()
+        if handles:  # above all panels, where it hides no curve
+            figure.legend(handles, labels, loc="outside upper left", ncols=min(len(labels), 3))
     return figure
 
 
@@ -142,13 +144,6 @@ def _scale_by_decades(panel: Axes) -> None:
         axis_locator(LogLocator(subs=places))
     for set_formatter in (panel.yaxis.set_major_formatter, panel.yaxis.set_minor_formatter):
         set_formatter(lambda value, _: f"{value:g}")
-
-
-def _add_legend(figure: Figure, panel: Axes) -> None:
-    """Add the legend of a panel above all panels, where it hides no curve."""
-    handles, labels = panel.get_legend_handles_labels()
-    if handles:
-        figure.legend(handles, labels, loc="outside upper left", ncols=min(len(labels), 3))
 
 
 def _panels(count: int) -> tuple[Figure, list[Axes]]:

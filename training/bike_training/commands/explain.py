@@ -14,7 +14,7 @@ import numpy as np
 from bike_analysis import read_recording
 from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_training.arguments import make_folder
-from bike_training.explain.drawing import UNITS, draw, draw_blocks
+from bike_training.explain.drawing import UNITS, draw
 from bike_training.explain.observations import (
     WHOLE_RIDE,
     RecordedObservations,
@@ -48,8 +48,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     explanation = explain(bundle, seen.observations, silent=args.json)
     place = "the whole ride" if seen.section == WHOLE_RIDE else seen.section
     headline = f"{bundle.name} on {place} ({seen.course or 'course not recorded'})"
-    picture = draw_blocks if bundle.layout.races else draw
-    picture(explanation, f"{headline}: what makes it decide", args.out / "explanation.png")
+    draw(explanation, f"{headline}: what makes it decide", args.out / "explanation.png")
     figures = _figures(bundle, seen, explanation)
     (args.out / "explanation.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
     if not args.json:

@@ -101,7 +101,7 @@ def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
         assert ride.course is not None
         ghost = ghost_of(against, ride.course) if against is not None else None
         view = live_view(ride.course, machine.name, powered, ghost)
-        words, is_lap = settings_words(*ride.settings), ghost is not None and ghost.is_lap
+        words, is_lap = settings_words(*ride.settings), ghost is not None and ghost[1]
         page = partial(render_live_page, view, rider.name, state_names(powered), powered, words=words, laps=is_lap)
         return LiveServer(page, ride.ask, ride.status, args.port)
 

@@ -28,7 +28,7 @@ SYMBOLS: Final = {
 
 
 SHOWN: Final = 10
-"""Rows of the picture; the features of least weight share the last one."""
+"""Rows of all values; the features of least weight share the last one."""
 
 
 def labels(layout: ObservationLayout) -> list[str]:
@@ -41,34 +41,6 @@ def labels(layout: ObservationLayout) -> list[str]:
         preview = ["t_p0: offset", "t_p1: lateral velocity"]
         preview += [f"t_p{k}: lean {ahead[k - 1]} ahead" for k in range(2, layout.preview_count)]
     return [SYMBOLS.get(feature, feature) for feature in layout.terms[:-1]] + preview
-
-
-def draw(explanation: Explanation, title: str, path: Path) -> None:
-    """Draw bar and beeswarm plot side by side.
-
-    Args:
-        explanation: the values.
-        title: line above.
-        path: picture.
-    """
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    degrees = shap.Explanation(
-        np.degrees(explanation.values),
-        base_values=np.full(len(explanation.values), np.degrees(explanation.base)),
-        data=explanation.features,
-        feature_names=labels(explanation.layout),
-    )
-    fig, (bars, swarm) = plt.subplots(1, 2, figsize=(14, 5.5), layout="constrained", width_ratios=(2, 3))
-    shap.plots.bar(degrees, max_display=SHOWN, ax=bars, show=False)
-    shap.plots.beeswarm(degrees, max_display=SHOWN, ax=swarm, plot_size=None, show=False)
-    bars.set_xlabel("mean |SHAP value| / °")
-    swarm.set_xlabel("SHAP value: share in the steering set point, positive left / °")
-    fig.suptitle(title)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    fig.savefig(path, dpi=100)
-    plt.close(fig)
 
 
 class Unit(NamedTuple):
@@ -89,8 +61,8 @@ UNITS: Final = {
 """Of the meanings of actions."""
 
 
-def draw_blocks(explanation: Explanation, title: str, path: Path) -> None:
-    """Draw the blocks' mean magnitudes, the largest on top.
+def draw(explanation: Explanation, title: str, path: Path) -> None:
+    """Draw the parts' mean magnitudes, the largest on top, a panel for each action; of a path all values beside them.
 
     Args:
         explanation: the values.
@@ -100,18 +72,23 @@ def draw_blocks(explanation: Explanation, title: str, path: Path) -> None:
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
-    count = len(explanation.actions)
-    fig, panels = plt.subplots(
-        1, count, figsize=(6.5 * count, 0.28 * len(explanation.parts) + 1.6), layout="constrained", squeeze=False
-    )
-    for column, (panel, action) in enumerate(zip(panels[0], explanation.actions, strict=True)):
-        unit = UNITS[action]
-        size = unit.factor * explanation.mean_abs[:, column]
-        order = np.argsort(size)
-        bars = panel.barh([explanation.parts[i].replace("_", " ") for i in order], size[order])
-        panel.bar_label(bars, [f"{explanation.shares[i, column]:.0%}" for i in order], padding=3)
+    races, count = explanation.layout.races, len(explanation.actions)
+    names = [name.replace("_", " ") for name in explanation.parts] if races else labels(explanation.layout)
+    means, shares = (each.reshape(len(names), count) for each in (explanation.mean_abs, explanation.shares))
+    panels = count if races else count + 1
+    size = (6.5 * panels, 0.28 * len(names) + 1.6)
+    fig, axes = plt.subplots(1, panels, figsize=size, layout="constrained", squeeze=False)
+    for column, action in enumerate(explanation.actions):
+        panel, unit = axes[0][column], UNITS[action]
+        order = np.argsort(means[:, column])
+        bars = panel.barh([names[i] for i in order], unit.factor * means[order, column])
+        panel.bar_label(bars, [f"{shares[i, column]:.0%}" for i in order], padding=3)
         panel.margins(x=0.12)
         panel.set_xlabel(f"{unit.name}: mean |SHAP value| / {unit.unit}, and its share")
+    if not races:
+        degrees = shap.Explanation(np.degrees(explanation.values), data=explanation.features, feature_names=names)
+        shap.plots.beeswarm(degrees, max_display=SHOWN, ax=axes[0][-1], plot_size=None, show=False)
+        axes[0][-1].set_xlabel("SHAP value: share in the steering set point, positive left / °")
     fig.suptitle(title)
     path.parent.mkdir(parents=True, exist_ok=True)
     fig.savefig(path, dpi=100)

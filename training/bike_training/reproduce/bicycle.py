@@ -35,7 +35,7 @@ from bike_training.learning.progress import stored_actor
 from bike_training.reproduce.bicycle_results import PAPER, STATEMENTS, TABLES, controller_1
 from bike_training.reproduce.data import Tables, table
 from bike_training.reproduce.figures import BICYCLE_FIGURES
-from bike_training.reproduce.paper import Advance, Experiment, Paper, Rows
+from bike_training.reproduce.paper import Advance, Experiment, Paper, Rows, learned
 from bike_training.rollout.evaluation import SPEEDS, evaluate
 from bike_training.rollout.rollout import ride_through, rollout, time_for
 from bike_training.tasks.path import DISTANCE_THRESHOLD
@@ -165,14 +165,8 @@ def controller(folder: Path, setting: str, which: str) -> Bundle | None:
         setting: name in Table 5.
         which: as in `BicycleExperiment`.
     """
-    from bike_training.learning.checkpoint import Checkpoint, find_checkpoint  # late: PyTorch takes seconds
-
-    if find_checkpoint(folder) is None:
-        return None
-    checkpoint = Checkpoint(folder)
-    with checkpoint.reading():
-        progress = checkpoint.run["progress"]
-        if which == "latest_success" and progress["curriculum"]["finished_at"] is None:
+    with learned(folder) as progress:
+        if progress is None or (which == "latest_success" and progress["curriculum"]["finished_at"] is None):
             return None
         actor = stored_actor(progress, which)
     if actor is None:

@@ -75,7 +75,8 @@ def _learning(data: Tables, plt: Any) -> Any:
             if seed not in rows_of_seed:
                 continue
             rows = rows_of_seed[seed]
-            curves.append((rows["step"].to_numpy(float), _averaged(rows["error"])))
+            averaged = rows["error"].rolling(_SMOOTH, min_periods=1).mean()
+            curves.append((rows["step"].to_numpy(float), averaged.to_numpy()))
             parts = [*zip(rows["step"], rows["part"], strict=True), *([(end, 5)] if end >= 0 else [])]
             bottom.step(*zip(*parts, strict=True), where="post", color=_COLOURS[name], lw=1)
         if curves:
@@ -90,14 +91,6 @@ def _learning(data: Tables, plt: Any) -> Any:
         top.legend()
     bottom.set(ylabel="part of the curriculum", xlabel="learning steps", yticks=(1, 2, 3, 4, 5))
     return figure
-
-
-def _averaged(values: Any) -> Any:
-    """Return the mean of the last validations at each one."""
-    sums = np.cumsum(np.concatenate([[0.0], values]))
-    last = np.arange(1, len(sums))
-    first = np.maximum(last - _SMOOTH, 0)
-    return (sums[last] - sums[first]) / (last - first)
 
 
 def _distances(data: Tables, plt: Any) -> Any:

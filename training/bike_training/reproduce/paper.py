@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import csv
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -102,6 +102,19 @@ class Paper(Generic[Kind]):
     counts: Callable[[Tables], Mapping[str, int]]
 
 
+@contextmanager
+def learned(folder: Path) -> Iterator[Mapping[str, Any] | None]:
+    """Open what a run has learned so far: the progress of its checkpoint, None where it has none."""
+    from bike_training.learning.checkpoint import Checkpoint, find_checkpoint  # late: PyTorch takes seconds
+
+    if find_checkpoint(folder) is None:
+        yield None
+        return
+    checkpoint = Checkpoint(folder)
+    with checkpoint.reading():
+        yield checkpoint.run["progress"]
+
+
 def collect(paper: Paper[Kind], plan: Plan, experiment: Kind, quiet: bool) -> Tables:
     """Return the tables of what has been learned, and ride what has not ridden yet.
 
@@ -136,9 +149,9 @@ def _ride(
 ) -> bool:
     """Ride what a run has learned unless its tables are there already; return whether they are now."""
     with suppress(FileNotFoundError):
-        learned = (folder / "run.json").stat().st_mtime
+        ended = (folder / "run.json").stat().st_mtime
         files = [folder / paper.file["tables"][name]["file"] for name in paper.ridden]
-        if all(file.stat().st_mtime >= learned for file in files):
+        if all(file.stat().st_mtime >= ended for file in files):
             return True
     found = paper.ride(folder, setting, seed, experiment, update)
     if found is None:

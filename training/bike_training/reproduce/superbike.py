@@ -26,7 +26,7 @@ from bike_training.learning.presets import Preset
 from bike_training.learning.run_settings import RunSettings
 from bike_training.reproduce.data import Tables, table
 from bike_training.reproduce.figures import SPDL_THRESHOLD, SUPERBIKE_FIGURES
-from bike_training.reproduce.paper import Advance, Experiment, Paper, Rows
+from bike_training.reproduce.paper import Advance, Experiment, Paper, Rows, learned
 from bike_training.reproduce.superbike_results import (
     ACTORS,
     CIRCUITS,
@@ -212,19 +212,18 @@ def deployed(folder: Path, experiment: SuperbikeExperiment) -> dict[str, tuple[i
         folder: of the run.
         experiment: its settings.
     """
-    from bike_training.learning.checkpoint import Checkpoint, find_checkpoint  # late: PyTorch takes seconds
-    from bike_training.learning.progress import chosen_actor
+    from bike_training.learning.progress import chosen_actor  # late: PyTorch takes seconds
     from bike_training.learning.validation import kept
 
-    if find_checkpoint(folder) is None:
-        return None
-    checkpoint = Checkpoint(folder)
-    summary = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-    with checkpoint.reading():
-        progress, steps = checkpoint.run["progress"], summary["steps"]
+    with learned(folder) as progress:
+        if progress is None:
+            return None
+        summary = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+        steps = summary["steps"]
         last, _, _ = chosen_actor(progress, "last", steps)
         best, _, best_step = chosen_actor(progress, "best", steps)
-        preset = Preset.from_plain(summary["preset"])
+    preset, vehicle = Preset.from_plain(summary["preset"]), load_vehicle(MACHINE)
+    form = preset.deployed_layout, preset.task.action, vehicle.name, vehicle.control_period
     found: dict[str, tuple[int, Actor]] = {}
     early = kept(folder, experiment.early)
     if early is not None:
@@ -233,7 +232,7 @@ def deployed(folder: Path, experiment: SuperbikeExperiment) -> dict[str, tuple[i
         found["best"] = (best_step, best) if best is not None else (steps, last)
         if steps >= experiment.steps:
             found["late"] = steps, last
-    return {name: (step, _bundle(name, actor, preset)) for name, (step, actor) in found.items()}
+    return {name: (step, Bundle(name, actor, *form)) for name, (step, actor) in found.items()}
 
 
 def _mean_and_best(result: Mapping[str, Any]) -> tuple[float, float]:
@@ -241,19 +240,10 @@ def _mean_and_best(result: Mapping[str, Any]) -> tuple[float, float]:
     return (float(np.mean(times)), times[0]) if times else (NONE, NONE)
 
 
-def _bundle(name: str, actor: Actor, preset: Preset) -> Bundle:
-    vehicle = load_vehicle(MACHINE)
-    action = preset.task.action
-    return Bundle(name, actor, preset.deployed_layout, action, vehicle.name, vehicle.control_period)
-
-
 def contexts(folder: Path, setting: str, seed: int) -> list[Any]:
     """Return the distributions of a run's self-paced curriculum, update by update; none of another curriculum."""
-    from bike_training.learning.checkpoint import Checkpoint  # late: PyTorch takes seconds
-
-    checkpoint = Checkpoint(folder)
-    with checkpoint.reading():
-        stored: Mapping[str, Any] = checkpoint.run["progress"]["curriculum"]
+    with learned(folder) as progress:
+        stored: Mapping[str, Any] = {} if progress is None else progress["curriculum"]
         if "distributions" not in stored:
             return []
         known = [Gaussian.from_flat(flat) for flat in stored["distributions"]]

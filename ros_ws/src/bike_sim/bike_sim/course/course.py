@@ -6,14 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bike_sim.course.elements import Element, sample_elements
 from bike_sim.course.projection import SampledLine
-from bike_sim.course.spline import SmoothLine
 
 FloatArray = NDArray[np.float64]
 
@@ -108,10 +106,8 @@ class Course:
             raise ValueError(f"course {self.name!r}: arc length must begin at 0 and grow in equal steps")
         if not math.isfinite(self.off_course_limit) or self.off_course_limit <= 0.0:
             raise ValueError(f"course {self.name!r}: off-course limit must be positive, got {self.off_course_limit!r}")
-        if self.closed:
-            self._check_closed()
-
-    def _check_closed(self) -> None:
+        if not self.closed:
+            return
         gap = math.hypot(self.x[-1] - self.x[0], self.y[-1] - self.y[0])
         turns = (self.heading[-1] - self.heading[0]) / (2.0 * math.pi)
         kink = abs(turns - round(turns)) * 2.0 * math.pi
@@ -189,17 +185,6 @@ class Course:
             return s
         same_lap = s + self.length * round((asked - s) / self.length)
         return same_lap if abs(same_lap - asked) < SAME_LAP else s
-
-    @classmethod
-    def from_line(cls, name: str, line: SmoothLine, **others: Any) -> Course:
-        """Build a course from a spline.
-
-        Args:
-            name: name of the course.
-            line: its samples.
-            others: attributes of the course that are no columns of the line; the usual ones where left out.
-        """
-        return cls(name, line.s, line.x, line.y, line.heading, line.curvature, **others)
 
     @classmethod
     def from_elements(

@@ -49,9 +49,6 @@ LARGEST_GAP = 250.0
 LEAST_STEPS = 8
 """Of fewer steps the median says nothing."""
 
-ZIG_ZAG, ZIG_ZAG_TURN = 4, math.radians(30.0)
-"""So many turns one after the other, each to the other side and by so much (rad), are no road."""
-
 
 class CourseFileError(DocumentError):
     """A course file is broken. The message says the row or element, and the fault."""
@@ -104,8 +101,7 @@ def parse_csv(text: str, closed: bool | None = None) -> CentreLine:
     if closed:
         rows, lines = np.vstack([rows, rows[:1]]), [*lines, lines[0]]
     points = rows[:, :2]
-    _check_repeated(points, lines, with_widths)
-    _check_order(points, lines, closed, with_widths)
+    _check_order(points, lines, closed)
     _check_gaps(points, lines, closed, with_widths)
     left, right = (rows[:, 3], rows[:, 2]) if with_widths else (None, None)
     return CentreLine(points, closed, left, right, tuple(lines))
@@ -123,11 +119,16 @@ def _parse_rows(text: str) -> tuple[FloatArray, list[int], bool]:
             if not rows and {"x_m", "y_m"} <= set(cells):
                 columns, wanted = _named_columns(cells, number), len(cells)
             continue
-        if not rows and columns is None and all(_is_name(cell) for cell in cells):
+        if not rows and columns is None and all(cell[:1].isalpha() and not _is_number(cell) for cell in cells):
             columns, wanted = _named_columns(cells, number), len(cells)
             continue
         if columns is None:
-            columns, wanted = _unnamed_columns(cells, number), len(cells)
+            if len(cells) not in (2, len(COLUMNS)):
+                raise CourseFileError(
+                    f"row {number} has {len(cells)} columns; without a row of names they must be "
+                    f"{','.join(COLUMNS[:2])} or {','.join(COLUMNS)}"
+                )
+            columns, wanted = list(range(len(cells))), len(cells)
         if len(cells) != wanted:
             raise CourseFileError(f"row {number} has {len(cells)} columns instead of {wanted}: {line[:60]!r}")
         rows.append([_number(cells[column], COLUMNS[i], number) for i, column in enumerate(columns)])
@@ -138,18 +139,10 @@ def _parse_rows(text: str) -> tuple[FloatArray, list[int], bool]:
 
 
 def _split(line: str) -> list[str]:
-    for separator in (";", "\t"):
-        if separator in line:
-            break
-    else:
-        separator = ","
+    separator = next((each for each in (";", "\t") if each in line), ",")
     cells = [cell.strip() for cell in line.split(separator)]
     # Spreadsheets and some tools end every row with a separator.
     return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
-
-
-def _is_name(cell: str) -> bool:
-    return cell[:1].isalpha() and not _is_number(cell)
 
 
 def _is_number(cell: str) -> bool:
@@ -183,15 +176,6 @@ def _named_columns(names: list[str], line: int) -> list[int]:
     return [names.index(name) for name in (*COLUMNS[:2], *widths)]
 
 
-def _unnamed_columns(cells: list[str], line: int) -> list[int]:
-    if len(cells) not in (2, len(COLUMNS)):
-        raise CourseFileError(
-            f"row {line} has {len(cells)} columns; without a row of names they must be "
-            f"{','.join(COLUMNS[:2])} or {','.join(COLUMNS)}"
-        )
-    return list(range(len(cells)))
-
-
 def _looks_closed(points: FloatArray) -> bool:
     """Tell from the gap between the ends whether a line without a repeated point is closed.
 
@@ -218,51 +202,18 @@ def _turns(steps: FloatArray, following: FloatArray) -> FloatArray:
     return np.asarray(np.arctan2(cross, np.sum(steps * following, axis=1)))
 
 
-def _check_repeated(points: FloatArray, lines: list[int], measured: bool) -> None:
-    """Refuse neighbours that are the same point and, on a measured line, a repeated part."""
-    steps = np.hypot(*np.diff(points, axis=0).T)
-    for i in np.flatnonzero(steps < SAME_POINT)[:1]:
-        raise CourseFileError(f"rows {lines[i]} and {lines[i + 1]} are the same point ({points[i, 0]}, {points[i, 1]})")
-    if not measured:
-        return
-    # The row before each that holds the same point. One point may be met twice, at a crossing, but not two in a row.
-    _, same = np.unique(points[:-1], axis=0, return_inverse=True)
-    order = np.argsort(same.ravel(), kind="stable")
-    earlier = np.full(len(same), -2)
-    earlier[order[1:]] = np.where(np.diff(same.ravel()[order]) == 0, order[:-1], -2)
-    repeats = np.flatnonzero((earlier[1:] == earlier[:-1] + 1) & (earlier[1:] > 0))
-    # A complete second lap is refused later, as overlapping roads.
-    if len(repeats) and 2 * len(repeats) < len(points) - 4:
-        first = int(repeats[0])
-        last = first + 1
-        while last + 1 < len(earlier) and earlier[last + 1] == earlier[last] + 1:
-            last += 1
-        raise CourseFileError(
-            f"rows {lines[first]} to {lines[last]} repeat rows {lines[earlier[first]]} to {lines[earlier[last]]}; is a "
-            "part of the file there twice?"
-        )
-
-
-def _check_order(points: FloatArray, lines: list[int], closed: bool, measured: bool) -> None:
-    """Refuse lines that turn back and, where they are measured, that zig-zag."""
+def _check_order(points: FloatArray, lines: list[int], closed: bool) -> None:
+    """Refuse neighbours that are the same point, and lines that turn back, as where a part is there twice."""
     steps = np.diff(points, axis=0)
+    for i in np.flatnonzero(np.hypot(*steps.T) < SAME_POINT)[:1]:
+        raise CourseFileError(f"rows {lines[i]} and {lines[i + 1]} are the same point ({points[i, 0]}, {points[i, 1]})")
     turns = _turns(steps, np.roll(steps, -1, axis=0))
     if not closed:
         turns[-1] = 0.0
     for i in np.flatnonzero(np.abs(turns) > REVERSAL)[:1]:
         raise CourseFileError(
             f"row {lines[i + 1]}: the line turns back by {math.degrees(abs(turns[i])):.0f} deg here; are the rows in "
-            "order?"
-        )
-    if not measured:
-        return
-    sharp = np.abs(turns) > ZIG_ZAG_TURN
-    other_side = sharp[1:] & sharp[:-1] & (turns[1:] * turns[:-1] < 0.0)
-    runs = np.convolve(other_side, np.ones(ZIG_ZAG - 1, dtype=np.int64), mode="valid")
-    for i in np.flatnonzero(runs == ZIG_ZAG - 1)[:1]:
-        raise CourseFileError(
-            f"rows {lines[i]} to {lines[min(i + ZIG_ZAG + 1, len(lines) - 1)]} zig-zag by "
-            f"{math.degrees(np.abs(turns[i : i + ZIG_ZAG]).min()):.0f} deg and more at each point; are they in order?"
+            "order, and none there twice?"
         )
 
 

@@ -159,11 +159,6 @@ def _require_positive(name: str, value: float) -> None:
         raise ValueError(f"{name} must be positive and finite, got {value!r}")
 
 
-def _place(pose: FloatArray, x: FloatArray, y: FloatArray, heading: FloatArray) -> FloatArray:
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    return np.stack([pose[0] + cos * x - sin * y, pose[1] + sin * x + cos * y, pose[2] + heading])
-
-
 def sample_elements(
     elements: Sequence[Element], spacing: float, start: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -195,7 +190,8 @@ def sample_elements(
         inside = slice(borders[i], borders[i + 1])
         local = np.append(np.clip(s[inside] - begins[i], 0.0, lengths[i]), lengths[i])
         x, y, turn, curvature = element.trace(local)
-        placed = _place(pose, x, y, turn)
+        cos, sin = math.cos(pose[2]), math.sin(pose[2])
+        placed = np.stack([pose[0] + cos * x - sin * y, pose[1] + sin * x + cos * y, pose[2] + turn])
         columns[:3, inside] = placed[:, :-1]
         columns[3, inside] = curvature[:-1]
         pose = placed[:, -1]

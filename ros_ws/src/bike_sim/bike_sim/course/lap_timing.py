@@ -1,27 +1,21 @@
-"""Lap timing: laps, sectors, time off the track and distance to the ideal line, from samples of a ride.
-
-A pure account: fed sample by sample while riding, or with a whole recording afterwards, it gives the same numbers bit
-for bit. Lines are crossed between samples; the time of crossing is interpolated in progress.
-"""
+"""Lap timing: laps, sectors, time off the track and distance to the ideal line, from the account of a ride."""
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import IntEnum
 from typing import Any
 
-import numpy as np
 from numba import njit
+from numpy import float64
 from numpy.typing import NDArray
 
 from bike_sim.course import timing_account as acc
-from bike_sim.course.projection import project, window
-from bike_sim.course.track import IDEAL, LEFT, RIGHT, Track
+from bike_sim.course.track import IDEAL, LEFT, RIGHT
 
-FloatArray = NDArray[np.float64]
+FloatArray = NDArray[float64]
 
 REACH = 4.0
 """The nearest point is searched this far forward and backward, m: over two control steps at top speed, less than to a
@@ -30,25 +24,6 @@ parallel road. Where a point moves farther in a step, the search follows it (`pr
 EXACT = 0.05
 """Tolerance of a requested start, m: the projection from the centre line to the followed line and back
 goes through tables."""
-
-
-@dataclass(frozen=True)
-class Sample:
-    """Position of the machine at one instant.
-
-    Attributes:
-        time: s, growing.
-        progress: of the rear contact point along the centre line, m, growing over laps.
-        offset: of the rear contact point from the centre line, m, positive to the left.
-        front_progress: of the front contact point, m.
-        front_offset: of the front contact point, m.
-    """
-
-    time: float
-    progress: float
-    offset: float
-    front_progress: float
-    front_offset: float
 
 
 @dataclass(frozen=True)
@@ -191,59 +166,6 @@ class LapLog:
         )
 
 
-class LapTimer:
-    """Times one ride on a circuit, against its ideal line if it has one; see `timing_account`."""
-
-    def __init__(self, track: Track) -> None:
-        """Begin a ride."""
-        self._track = track
-        self._account = np.zeros(1, dtype=acc.ACCOUNT)
-        self._rows = np.empty((acc.rows_for(len(track.marks), 1.0), acc.ROW_SIZE))
-        self._log = LapLog()
-        self._time, self._progress = -math.inf, math.nan
-
-    def feed(self, sample: Sample) -> list[Event]:
-        """Take the next sample and return what happened since the one before, in the order of time.
-
-        Raises:
-            ValueError: a value that is not finite, or time that does not grow.
-        """
-        values = (sample.time, sample.progress, sample.offset, sample.front_progress, sample.front_offset)
-        if not all(math.isfinite(value) for value in values):
-            raise ValueError(f"a sample of lap timing must be finite, got {sample}")
-        if sample.time <= self._time:
-            raise ValueError(f"time of lap timing must grow, got {sample.time} s after {self._time} s")
-        track = self._track
-        moved = 0.0 if math.isnan(self._progress) else sample.progress - self._progress
-        needed = acc.rows_for(len(track.marks), moved / track.length)
-        if needed > len(self._rows):
-            self._rows = np.empty((needed, acc.ROW_SIZE))
-        self._time, self._progress = sample.time, sample.progress
-        count = _feed_sample(
-            self._account, track.table, track.marks, track.centre.spacing, track.length, values, self._rows
-        )
-        return [self._log.take(row) for row in self._rows[:count].tolist()]
-
-    def timing(self) -> Timing:
-        """Return the summary so far."""
-        return self._log.timing(self._account[0], self._track.ideal is not None)
-
-
-@njit(cache=True)
-def _feed_sample(
-    accounts: Any, table: FloatArray, marks: FloatArray, spacing: float, length: float,
-    values: tuple[float, float, float, float, float], rows: FloatArray,
-) -> int:  # fmt: skip
-    """Find how far outside and how far from the ideal line a sample is, and feed it."""
-    time, progress, offset, front_progress, front_offset = values
-    rear = outside(table, spacing, length, progress, offset)
-    front = outside(table, spacing, length, front_progress, front_offset)
-    distance = ideal_distance(table, spacing, length, progress, offset)
-    measured = not math.isnan(table[IDEAL, 0])
-    place = acc.Place(time, progress, min(rear, front), distance, 0.0)
-    return acc.feed(accounts[0], acc.Lines(marks, length, acc.CIRCUIT, measured), place, rows)
-
-
 @njit(cache=True)
 def outside(table: FloatArray, spacing: float, length: float, progress: float, offset: float) -> float:
     """Return the distance of a point of a circuit beyond its limits, m; negative within.
@@ -266,37 +188,3 @@ def ideal_distance(table: FloatArray, spacing: float, length: float, progress: f
     if math.isnan(table[IDEAL, 0]):
         return 0.0
     return abs(offset - acc.sample(table[IDEAL], spacing, length, progress))
-
-
-def time_laps(track: Track, samples: Iterable[Sample]) -> tuple[Timing, tuple[Event, ...]]:
-    """Time a whole ride, as from a recording; the same as feeding its samples one by one."""
-    timer = LapTimer(track)
-    events = tuple(itertools.chain.from_iterable(timer.feed(sample) for sample in samples))
-    return timer.timing(), events
-
-
-def samples_of(
-    track: Track, time: FloatArray, rear: FloatArray, front: FloatArray, begin: float, front_begin: float
-) -> Iterator[Sample]:
-    """Yield where a ride was, one sample for each instant.
-
-    Args:
-        track: the circuit.
-        time: s.
-        rear: rear contact points in the map, m, shape (n, 2).
-        front: front contact points, shape (n, 2).
-        begin: progress of the first rear contact point, m, as the ride was begun with.
-        front_begin: progress near the first front contact point, m.
-    """
-    centre = track.centre
-    near, front_near = float(begin), float(front_begin)  # what times laps is compiled for floats
-    for k in range(len(time)):
-        reach = window(REACH, math.dist(rear[k], rear[max(k - 1, 0)]), centre.length)
-        found = [
-            project(centre.samples, float(x), float(y), s, reach, reach)
-            for (x, y), s in ((rear[k], near), (front[k], front_near))
-        ]
-        (near, offset, _), (front_near, front_offset, _) = found
-        if k == 0 and abs(near - begin) < EXACT:
-            near = begin
-        yield Sample(float(time[k]), near, offset, front_near, front_offset)

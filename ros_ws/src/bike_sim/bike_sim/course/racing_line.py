@@ -101,21 +101,22 @@ def stations_of(track: Track, spacing: float = STATION_SPACING, margin: float = 
 
 def curvature_of(stations: Stations, offset: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return curvature (1/m, positive to the left) and length of the polygon (m) around each station."""
+    _, _, speed, curvature = _differences(stations, offset)
+    return curvature, speed
+
+
+def _differences(stations: Stations, offset: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return first and second differences of the polygon around each station, length of the first, and curvature."""
     path = stations.points + offset[:, None] * stations.normals
     ahead, behind = np.roll(path, -1, axis=0), np.roll(path, 1, axis=0)
     first, second = 0.5 * (ahead - behind), ahead - 2.0 * path + behind
     speed = np.linalg.norm(first, axis=1)
-    return (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3, speed
+    return first, second, speed, (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3
 
 
 def curvature_jacobian(stations: Stations, offset: FloatArray) -> tuple[FloatArray, FloatArray, sparse.csc_matrix]:
     """Return curvature, lengths, and the derivative of curvature by the offsets (1/m^2), sparse, shape (n, n)."""
-    path = stations.points + offset[:, None] * stations.normals
-    ahead, behind = np.roll(path, -1, axis=0), np.roll(path, 1, axis=0)
-    first, second = 0.5 * (ahead - behind), ahead - 2.0 * path + behind
-    speed = np.linalg.norm(first, axis=1)
-    cross = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
-    curvature = cross / speed**3
+    first, second, speed, curvature = _differences(stations, offset)
     n = stations.count
     here = np.arange(n)
     rows, columns, values = [], [], []

@@ -356,23 +356,13 @@ def _track(
     for corner in corners:
         if not RADIUS[0] <= corner.radius <= RADIUS[1]:
             raise ValueError(f"corner {corner.name} has a radius of {corner.radius:.1f} m")
-    s, x, y, heading, curvature = trace_layout(profile, SAMPLE_SPACING, (0.0, 0.0, 2.0 * math.pi * rng.random()))
-    half = 0.5 * _widths(rng, s)
+    samples = trace_layout(profile, SAMPLE_SPACING, (0.0, 0.0, 2.0 * math.pi * rng.random()))
+    half, sectors = 0.5 * _widths(rng, samples[0]), equal_sectors(float(samples[0][-1]))
     centre = Course(
-        f"{RANDOM_CIRCUIT}:{seed}",
-        s,
-        x,
-        y,
-        heading,
-        curvature,
-        closed=True,
-        off_course_limit=float(np.mean(half)),
-        width_left=half,
-        width_right=half.copy(),
-        sections=equal_sectors(float(s[-1])),
+        f"{RANDOM_CIRCUIT}:{seed}", *samples, True, float(np.mean(half)), half, half.copy(), sections=sectors
     )
     check_limits(centre)
-    elevation = _heights(rng, x, y, centre.spacing)
+    elevation = _heights(rng, centre.x, centre.y, centre.spacing)
     return Track(centre, elevation, *wall_distances(centre, RunOff()), corners, None, f"random circuit of seed {seed}")
 
 

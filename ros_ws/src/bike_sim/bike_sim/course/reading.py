@@ -216,17 +216,10 @@ def path_from_points(name: str, line: CentreLine, off_course_limit: float = OFF_
         CourseFileError: longer than any course.
     """
     chord = _chord_of(line)
-    smooth = smooth_line(line.points, line.closed, SAMPLE_SPACING)
+    samples, before = smooth_line(line.points, line.closed, SAMPLE_SPACING)
     # Between points the widths are linear: a spline could overshoot to a width below zero.
-    widths = [None if w is None else np.interp(smooth.chord, chord, w) for w in (line.width_left, line.width_right)]
-    return Course.from_line(
-        name,
-        smooth,
-        closed=line.closed,
-        off_course_limit=off_course_limit,
-        width_left=widths[0],
-        width_right=widths[1],
-    )
+    left, right = (None if w is None else np.interp(before, chord, w) for w in (line.width_left, line.width_right))
+    return Course(name, *samples, line.closed, off_course_limit, left, right)
 
 
 def _chord_of(line: CentreLine) -> FloatArray:
@@ -322,17 +315,17 @@ def track_from_points(name: str, line: CentreLine) -> Track:
         )
     given = _chord_of(line)
     points, there, moved = smooth_closed(line.points, min(TOLERANCE, WIDTH_SHARE * least))
-    smooth = smooth_line(points, True, SAMPLE_SPACING)
+    samples, before = smooth_line(points, True, SAMPLE_SPACING)
     # Distances to the limits, which do not move with the line.
-    source = np.interp(smooth.chord, chord_lengths(points), there)
+    source = np.interp(before, chord_lengths(points), there)
     aside = np.interp(source, there, moved)
-    centre = Course.from_line(
+    centre = Course(
         name,
-        smooth,
+        *samples,
         closed=True,
         width_left=np.maximum(np.interp(source, given, line.width_left) - aside, 0.0),
         width_right=np.maximum(np.interp(source, given, line.width_right) + aside, 0.0),
-        sections=equal_sectors(float(smooth.s[-1])),
+        sections=equal_sectors(float(samples[0][-1])),
     )
     check_limits(centre)
     walls = wall_distances(centre, RunOff())
@@ -360,21 +353,10 @@ def track_from_document(document: Mapping[str, Any], path: Path) -> Track:
         raise CourseFileError(f"width_m is {width}, a road is at least {LEAST_WIDTH} m wide")
     pieces = close_layout(_pieces(document["elements"]), length(document["length_m"], "length_m"), transition)
     profile = curvature_profile(pieces, transition)
-    s, x, y, heading, curvature = trace_layout(profile, SAMPLE_SPACING, start_of(document))
-    corners = corners_of(pieces, profile.begins)
-    centre = Course(
-        name,
-        s,
-        x,
-        y,
-        heading,
-        curvature,
-        closed=True,
-        off_course_limit=0.5 * width,
-        width_left=np.full(len(s), 0.5 * width),
-        width_right=np.full(len(s), 0.5 * width),
-        sections=_sectors(document.get("sectors_after"), corners, float(s[-1])),
-    )
+    samples = trace_layout(profile, SAMPLE_SPACING, start_of(document))
+    corners, s = corners_of(pieces, profile.begins), samples[0]
+    sectors, half = _sectors(document.get("sectors_after"), corners, float(s[-1])), np.full(len(s), 0.5 * width)
+    centre = Course(name, *samples, True, 0.5 * width, half, half.copy(), sectors)
     check_limits(centre)
     run_off = RunOff()
     if "run_off_m" in document:

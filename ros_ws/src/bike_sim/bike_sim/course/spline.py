@@ -2,36 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+Samples = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+"""Arc length, x, y, heading and curvature of a line, as `Course` has them."""
 
 _GAUSS_NODES, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(5)
-
-
-@dataclass(frozen=True)
-class SmoothLine:
-    """Samples of a smoothed line.
-
-    Attributes:
-        s: arc length, m, from 0 in equal steps.
-        x: m.
-        y: m.
-        heading: rad, not wrapped.
-        curvature: 1/m, positive turning left.
-        chord: chord length at which the given points lie before each sample, m; it interpolates what belongs to the
-            points, such as widths.
-    """
-
-    s: FloatArray
-    x: FloatArray
-    y: FloatArray
-    heading: FloatArray
-    curvature: FloatArray
-    chord: FloatArray
 
 
 def chord_lengths(points: FloatArray) -> FloatArray:
@@ -39,7 +17,7 @@ def chord_lengths(points: FloatArray) -> FloatArray:
     return np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
 
 
-def smooth_line(points: FloatArray, closed: bool, spacing: float) -> SmoothLine:
+def smooth_line(points: FloatArray, closed: bool, spacing: float) -> tuple[Samples, FloatArray]:
     """Lay an interpolating cubic spline through points and sample it uniformly in arc length.
 
     The spline's parameter is the chord length. A closed line is periodic, with curvature continuous over the joint; an
@@ -49,6 +27,10 @@ def smooth_line(points: FloatArray, closed: bool, spacing: float) -> SmoothLine:
         points: shape (n, 2), m, no neighbours equal; a closed line repeats its first point at the end.
         closed: whether the line is closed.
         spacing: wanted distance of samples, m. It is stretched so that the last sample is the end.
+
+    Returns:
+        Arc length (m, from 0 in equal steps), x, y (m), heading (rad, not wrapped) and curvature (1/m) of the samples;
+        and the chord length at which the given points lie before each, m, which interpolates what belongs to them.
     """
     from scipy.interpolate import CubicSpline  # late: a start that needs none is spared it
 
@@ -82,7 +64,7 @@ def smooth_line(points: FloatArray, closed: bool, spacing: float) -> SmoothLine:
     dx, dy = velocity(u).T
     ddx, ddy = acceleration(u).T
     curvature = (dx * ddy - dy * ddx) / np.maximum(np.hypot(dx, dy), 1e-9) ** 3
-    return SmoothLine(s, x, y, np.unwrap(np.arctan2(dy, dx)), curvature, u)
+    return (s, x, y, np.unwrap(np.arctan2(dy, dx)), curvature), u
 
 
 MAX_WAVE = 40.0

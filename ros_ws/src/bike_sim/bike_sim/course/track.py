@@ -238,17 +238,17 @@ class Track:
         aside = self.at(offset, progress)
         points = self.points(progress, aside)[:, :2]
         points[-1] = points[0]
-        smooth = smooth_line(points, True, SAMPLE_SPACING)
-        there = np.interp(smooth.chord, chord_lengths(points), progress)
+        samples, before = smooth_line(points, True, SAMPLE_SPACING)
+        there = np.interp(before, chord_lengths(points), progress)
         sideways = self.at(offset, there)
-        line = Course.from_line(
+        line = Course(
             name,
-            smooth,
+            *samples,
             closed=True,
             off_course_limit=self.centre.off_course_limit,
             width_left=np.maximum(self.at(self.width_left, there) - sideways, 0.0),
             width_right=np.maximum(self.at(self.width_right, there) + sideways, 0.0),
-            sections=tuple((sector, float(np.interp(s, there, smooth.s))) for sector, s in self.sectors),
+            sections=tuple((sector, float(np.interp(s, there, samples[0]))) for sector, s in self.sectors),
         )
         across = self.at(self.bank, there)
         height = self.at(self.elevation, there) + sideways * across

@@ -1,25 +1,30 @@
-"""Rides found in a recording: one a reset, each with its own commands, course, events and latencies."""
+"""Rides of a recording: one a reset, each with its commands, course, events and latencies, its laps and figures."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
-from typing import Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 
 from bike_analysis.read.messages import Floats, Integers, Latency, RecordedCourse, RecordedEvent, Table
 from bike_analysis.read.reading import Recording, ride_bounds
 
-_NEVER: Final = int(np.iinfo(np.int64).max)
+if TYPE_CHECKING:  # these modules take rides
+    from bike_analysis.figures.laps import Lap
+    from bike_analysis.figures.metrics import Figures
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Ride:
-    """One ride, from a reset to the next or to the recording's end.
+    """One ride, from a reset to the next or to the recording's end. Laps and figures are computed when first needed.
 
     Attributes:
+        recording: The recording that it is in.
+        label: Name for people: the file's, and the ride's number where the file has several.
         index: Number in the recording, from 1.
         episode: The simulator's number of the episode; it begins again at 1 when the simulator is restarted.
         states: States, each step once, never empty.
@@ -28,9 +33,11 @@ class Ride:
         course: The course, or None where it was not recorded.
         events: Events of this ride.
         latencies: Reports of the policy's latency during this ride.
-        telemetry: What tyres and engine did in this ride, or None where it was not recorded.
+        telemetry: What tyres and engine did in this ride; empty where it was not recorded.
     """
 
+    recording: Recording
+    label: str
     index: int
     episode: int
     states: Table
@@ -39,7 +46,44 @@ class Ride:
     course: RecordedCourse | None
     events: tuple[RecordedEvent, ...]
     latencies: tuple[Latency, ...]
-    telemetry: Table | None = None
+    telemetry: Table
+
+    def __repr__(self) -> str:
+        return f"<Ride {self.label}: {len(self.states)} states, {len(self.laps)} laps>"
+
+    @cached_property
+    def evaluated(self) -> Ride:
+        """The ride up to the finish of an open course: what figures, pages and comparisons are about."""
+        from bike_analysis.figures.laps import evaluated_ride
+
+        return evaluated_ride(self)
+
+    @cached_property
+    def figures(self) -> Figures:
+        """Figures of the whole ride and of its laps."""
+        from bike_analysis.figures.metrics import ride_figures
+
+        return ride_figures(self)
+
+    @cached_property
+    def laps(self) -> tuple[Lap, ...]:
+        """Complete laps on a closed course, in order."""
+        from bike_analysis.figures.laps import find_laps
+
+        return find_laps(self)
+
+    @property
+    def best_lap(self) -> Lap | None:
+        """The fastest complete lap, out-laps not counted where there are others; None without one."""
+        from bike_analysis.figures.laps import counted_laps
+
+        return min(counted_laps(self.laps), key=lambda lap: lap.duration_s, default=None)
+
+    def table(self) -> pd.DataFrame:
+        """The ride as a table, one row per recorded state, with columns as `bike_analysis.figures.metrics` says."""
+        from bike_analysis.figures.metrics import ride_table
+
+        return ride_table(self)
 
     @property
     def distance(self) -> Floats:
@@ -115,68 +159,51 @@ def find_rides(recording: Recording) -> tuple[Ride, ...]:
     Returns:
         The rides, in order; at least one.
     """
-    states = recording.states
-    rides = []
-    for index, (first, last) in enumerate(pairwise(ride_bounds(states.episode, states.step)), start=1):
+    states, name = recording.states, recording.path.stem
+    bounds, rides = ride_bounds(states.episode, states.step), []
+    begins = np.array(bounds[:-1])
+    for index, (first, last) in enumerate(pairwise(bounds), start=1):
         whole = states.take(slice(first, last))
         fresh = np.append(True, np.diff(whole.step) > 0)
-        window = _window(states, first, last)
-        once = whole if fresh.all() else whole.take(fresh)
-        rides.append(_ride(recording, index, once, int((~fresh).sum()), window))
+        episode, (begin, end) = int(whole.episode[0]), whole.order[[0, -1]]
+        same = begins[states.episode[begins] == episode]
+
+        commands, telemetry = (
+            table.take((table.episode == episode) & (_owner(states, same, table.order) == first))
+            for table in (recording.commands, recording.telemetry)
+        )
+        courses = [c for c in recording.courses if c.episode == episode]
+        courses = [c for c in courses if _owner(states, same, c.order, True) == first]
+        events = (e for e in recording.events if e.episode == episode)
+        rides.append(
+            Ride(
+                recording=recording,
+                label=name if len(bounds) == 2 else f"{name}, ride {index}",
+                index=index,
+                episode=episode,
+                states=whole if fresh.all() else whole.take(fresh),
+                repeated_states=int((~fresh).sum()),
+                commands=commands,
+                course=courses[-1] if courses else None,
+                events=tuple(e for e in events if _owner(states, same, e.order, e.step == 0) == first),
+                latencies=tuple(x for x in recording.latencies if begin <= x.order <= end),
+                telemetry=telemetry,
+            )
+        )
     return tuple(rides)
 
 
-@dataclass(frozen=True)
-class _Window:
-    """Places in the recording between which messages of an episode number belong to one ride.
+def _owner(states: Table, begins: Integers, order: Any, reset: Any = False) -> Any:
+    """Return the first row of the ride that messages belong to, of rides of one episode number.
 
-    Topics are recorded side by side, and a course or command may stand before its ride's first state. So only another
-    ride of the same episode number, from a simulator that was restarted, limits the window. Between the two, what
-    belongs to a reset (a course, an event of step 0) is the later ride's, all else is the earlier one's.
+    Topics are recorded side by side, and a course or command may stand before its ride's first state. So what lies
+    between two rides is the later one's where it belongs to a reset (a course, an event of step 0), else the earlier's.
+
+    Args:
+        states: Of the recording.
+        begins: First rows of those rides.
+        order: Places of the messages in the recording.
+        reset: Whether they belong to a reset.
     """
-
-    reset_after: int
-    reset_until: int
-    after: int
-    until: int
-
-    def holds(self, order: int, step: int = 0) -> bool:
-        """Whether a message at this place about this step belongs to the ride; step 0 is the reset."""
-        after, until = (self.reset_after, self.reset_until) if step == 0 else (self.after, self.until)
-        return after < order <= until
-
-
-def _window(states: Table, first: int, last: int) -> _Window:
-    """Find the window of the ride in rows `first` to `last` (exclusive)."""
-    same = states.episode == states.episode[first]
-    window = {"reset_after": -1, "reset_until": _NEVER, "after": -1, "until": _NEVER}
-    if same[:first].any():
-        window |= {"reset_after": int(states.order[first - 1]), "after": int(states.order[first]) - 1}
-    if same[last:].any():
-        later = last + int(np.argmax(same[last:]))
-        window |= {"reset_until": int(states.order[later - 1]), "until": int(states.order[later]) - 1}
-    return _Window(**window)
-
-
-def _ride(recording: Recording, index: int, states: Table, repeated: int, window: _Window) -> Ride:
-    episode = int(states.episode[0])
-    commands, telemetry = recording.commands, recording.telemetry
-    courses = [c for c in recording.courses if c.episode == episode and window.holds(c.order)]
-    first, last = states.order[0], states.order[-1]
-    return Ride(
-        index=index,
-        episode=episode,
-        states=states,
-        repeated_states=repeated,
-        commands=commands.take(_mine(commands, episode, window)),
-        course=courses[-1] if courses else None,
-        events=tuple(e for e in recording.events if e.episode == episode and window.holds(e.order, e.step)),
-        latencies=tuple(x for x in recording.latencies if first <= x.order <= last),
-        telemetry=None if telemetry is None else telemetry.take(_mine(telemetry, episode, window)),
-    )
-
-
-def _mine(table: Table, episode: int, window: _Window) -> NDArray[np.bool_] | slice:
-    """Rows of a table that belong to a ride; a slice where they are all of them, which costs no copy."""
-    mine: NDArray[np.bool_] = (table.episode == episode) & (table.order > window.after) & (table.order <= window.until)
-    return slice(None) if mine.all() else mine
+    later = np.searchsorted(states.order[begins[1:]], order, side="right")
+    return begins[np.where(reset, np.searchsorted(states.order[begins[1:] - 1], order), later)]
