@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,9 @@ SHORT: dict[str, dict[str, Any]] = {
     "physics": {"rounds": 1},
     "environment": {"scale": 0.02},
     "ros": {"rounds": 3, "steps": 10},
+    "recorder": {"rates": (500,), "duration": 0.5},
+    "analysis": {"duration": 4.0},
+    "live": {"rounds": 1},
 }
 
 
@@ -26,10 +30,16 @@ def test_each_part_measures(part: str, compiled: None, circuit: Path, monkeypatc
     if part == "physics":
         pytest.importorskip("exudyn")
         monkeypatch.setattr(module, "EXUDYN_SETTINGS", module.EXUDYN_SETTINGS[:1])
+    if part == "live":
+        sizes = sizes | {"with_page": shutil.which("chromium") is not None}
+        monkeypatch.setattr(module, "FIRST_REPORTS", 5)
+        monkeypatch.setattr(module, "REPORTS", 4)
     monkeypatch.setattr(module, "ROUNDS", 1, raising=False)
-    if part == "environment":
+    if part in ("analysis", "environment"):
         monkeypatch.setattr(module, "CIRCUIT", str(circuit))
     figures = module.measure(**sizes)
     numbers = {name: value for name, value in figures.items() if isinstance(value, float)}
     assert numbers
     assert all(math.isfinite(value) and value >= 0.0 for value in numbers.values()), numbers
+    if part == "analysis":
+        assert figures["hour_messages"] > 2000.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import resource
 import signal
@@ -14,13 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bike_msgs.msg import BikeState
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PointStamped
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from rosgraph_msgs.msg import Clock
@@ -30,6 +29,7 @@ from std_msgs.msg import Float64, String
 from bike_analysis.read.container import Container
 from bike_policy.contract.bundle import DEFAULT_POLICY
 from bike_sim.ros import node_tools
+from bike_sim.ros.isolation import DOMAIN_VARIABLE
 from bike_sim.ros.node_tools import NANOSECONDS, time_to_message
 from bike_sim.ros.record import SPECS, writing_settings
 from bike_training.envs.node_process import NodeLost, NodeProcess
@@ -345,7 +345,7 @@ def test_lost_messages_are_counted(ros: Any, sender: Any, tmp_path: Path) -> Non
 
 # ---------------------------------------------------------------------------------------------------------- throughput
 
-TOPICS = 80
+BIKES = 10
 RATE = 8_000.0
 """Messages a second: what ten bicycles and their policies publish at 100 Hz, eight each a control period."""
 SENT_FOR = 2.0
@@ -353,21 +353,21 @@ SENT_FOR = 2.0
 
 @pytest.mark.slow
 def test_ten_bicycles_at_a_hundred_hertz_are_recorded_whole(ros: Any, sender: Any, tmp_path: Path) -> None:
-    recorder = ros.start("bike_sim.ros.record", path=str(tmp_path / "ride"))
-    state = serialize_message(BikeState(preview_x=[0.0] * 25, preview_y=[0.0] * 25))
-    publishers = [sender.create_publisher(BikeState, f"b{k}/state", node_tools.SENDER_QOS) for k in range(TOPICS)]
-    sender.until(lambda: sender.figures() and all(publisher.get_subscription_count() for publisher in publishers))
-    sent, begun = 0, time.monotonic()
-    while (elapsed := time.monotonic() - begun) < SENT_FOR:
-        for number in range(sent, int(elapsed * RATE)):
-            publishers[number % TOPICS].publish(state)
-            sent = number + 1
-        time.sleep(0.002)
-    sender.until(lambda: int(sender.figures()["messages_written"]) >= sent)
+    folder = tmp_path / "ride"
+    recorder = ros.start("bike_sim.ros.record", path=str(folder), max_bag_size=2_000_000)
+    sender.until(sender.figures)
+    command = [sys.executable, "-m", "bench.recorder_speed", "--send", str(BIKES), str(RATE), str(SENT_FOR)]
+    environment = {**os.environ, DOMAIN_VARIABLE: str(ros.domain)}
+    root = Path(__file__).parents[2]
+    with subprocess.Popen(command, env=environment, cwd=root, stdout=subprocess.PIPE, text=True) as publisher:
+        assert publisher.stdout is not None
+        assert publisher.stdout.readline() == "heard on all topics\n"
+        sent = int(publisher.stdout.readline())
+        sender.until(lambda: int(sender.figures()["messages_written"]) >= sent)
     assert sender.figures()["messages_dropped"] == "0"
     assert float(sender.figures()["write_lag_ms"]) < 5000.0
     assert recorder.end()[0] == 0
-    with Reader(tmp_path / "ride") as reader:
+    with Reader(folder) as reader:
         counts = Counter(connection.topic for connection, *_ in reader.messages())
-    assert sum(counts[f"/bike/b{k}/state"] for k in range(TOPICS)) == sent
+    assert sum(n for topic, n in counts.items() if topic.startswith("/bike/traffic/b")) == sent
     assert sent > 0.5 * RATE * SENT_FOR  # a busy machine may not send more

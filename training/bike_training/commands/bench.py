@@ -15,8 +15,13 @@ PARTS: Final = {
     "physics": "bench.physics_speed",
     "environment": "bench.environment_speed",
     "ros": "bench.ros_speed",
+    "recorder": "bench.recorder_speed",
+    "analysis": "bench.analysis_speed",
+    "live": "bench.live_page",
 }
 """Parts of the benchmark with the module whose function `measure` returns the figures."""
+DEFAULT_PARTS: Final = ("physics", "environment", "ros")
+"""Parts that are measured where none is named; the others take minutes."""
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -25,7 +30,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if unknown:
         raise ValueError(f"unknown part {show(unknown[0])}; {alternatives(unknown[0], PARTS)}")
     figures: dict[str, Any] = {}
-    for part in args.parts or PARTS:
+    for part in args.parts or DEFAULT_PARTS:
         print(f"measuring {part} ...", file=sys.stderr)
         figures.update(load_part(part).measure())
     if not args.json:
