@@ -2,7 +2,7 @@
 
     python examples/ros_lockstep.py
 
-Needs `make setup`. Starts its own simulator node. Takes some ten seconds.
+Needs `make setup`. Starts its own simulator node; `RosClient(join=DOMAIN)` rides one that runs. Takes some ten seconds.
 """
 
 import argparse

@@ -188,10 +188,24 @@ def test_a_dead_simulator_is_one_clear_error() -> None:
     with RosClient(SimulatorConfig(engine="whipple")) as client:
         client.reset(ResetRequest(course="line"))
         client.step(0.0)
-        assert client._process is not None
-        os.kill(client._process.process.pid, signal.SIGKILL)
-        client._process.process.wait()
+        os.kill(client._own[0].process.pid, signal.SIGKILL)
+        client._own[0].process.wait()
         with pytest.raises(NodeLost, match=r"ended with exit code -9"):
             client.step(0.0)
     with pytest.raises(NodeLost, match=r"exit code 2: sim_node: .*steam"):
         RosClient(SimulatorConfig(engine="steam"))
+
+
+def test_a_client_joins_a_simulator_that_runs() -> None:
+    """Rides of the client that has started a simulator and of one that finds it are the same; the first ends it."""
+    config, request = SimulatorConfig(engine="whipple"), ResetRequest(course="line", seed=3)
+
+    def ride(client: RosClient) -> list[float]:
+        client.reset(request)
+        return [value for _ in range(5) for value in client.step(0.1).state.tolist()]
+
+    with RosClient(config) as first:
+        alone = ride(first)
+        with RosClient(config, join=first.domain_id) as second:
+            assert ride(second) == alone
+        assert ride(first) == alone

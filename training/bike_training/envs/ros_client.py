@@ -1,7 +1,7 @@
 """The simulator over ROS 2, with the same methods as the one in process.
 
-A `RosClient` starts its own simulator node in its own ROS domain. Each step is one command and one state in lockstep,
-so the rides are bit for bit those of :class:`bike_sim.sim.simulator.Simulator`.
+A `RosClient` starts its own simulator node in its own ROS domain, or joins one that runs. Each step is one command
+and one state in lockstep, so the rides are bit for bit those of :class:`bike_sim.sim.simulator.Simulator`.
 """
 
 from __future__ import annotations
@@ -51,27 +51,37 @@ class RosClient(AbstractContextManager["RosClient"]):
 
     preview = Preview()
 
-    def __init__(self, config: SimulatorConfig | None = None) -> None:
-        """Start the simulator.
+    def __init__(self, config: SimulatorConfig | None = None, join: int | None = None) -> None:
+        """Start or find the simulator.
+
+        Args:
+            config: of the simulator; of one that runs what it was started with.
+            join: ROS domain of a simulator that runs, in lockstep; None starts one in a free domain.
 
         Raises:
-            NodeLost: it ended or did not appear in time; with its last output.
+            NodeLost: it ended or did not appear in time; with its last output if this client started it.
             FileNotFoundError: an unknown vehicle. ValueError: an invalid vehicle.
         """
         self.config = config or SimulatorConfig()
         self.vehicle: Vehicle = load_vehicle(self.config.vehicle)
         self._close = contextlib.ExitStack()
+        self._own: list[NodeProcess] = []
         try:
+            self.domain_id = self._start() if join is None else join
             self._open()
         except BaseException:
             self.close()
             raise
 
-    def _open(self) -> None:
-        self.domain_id = self._close.enter_context(DomainLease()).domain_id
+    def _start(self) -> int:
+        """Start a simulator, and return its domain."""
+        domain_id = self._close.enter_context(DomainLease()).domain_id
         parameters = asdict(self.config) | {"mode": "lockstep", "auto_reset": "never", "course": "line"}
-        self._process = NodeProcess("bike_sim.ros.sim_node", parameters, self.domain_id)
-        self._close.enter_context(self._process)
+        process = NodeProcess("bike_sim.ros.sim_node", parameters, domain_id)
+        self._own.append(self._close.enter_context(process))
+        return domain_id
+
+    def _open(self) -> None:
         self._node = node_tools.GuestNode("ride_client", self.domain_id)
         self._close.callback(self._node.close)
         self._commands = self._node.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
@@ -145,7 +155,7 @@ class RosClient(AbstractContextManager["RosClient"]):
         return self._last
 
     def close(self) -> None:
-        """End the simulator, and leave the domain. A second call does nothing."""
+        """End the simulator if this client started it, and leave the domain. A second call does nothing."""
         self._close.close()
 
     def __exit__(self, *_: object) -> None:
@@ -156,7 +166,7 @@ class RosClient(AbstractContextManager["RosClient"]):
 
     def _exchange(self, command: bytes, episode: int, step: int) -> Snapshot:
         """Send a command, again and again if need be, until the state of the given step comes."""
-        patience = InactivityTimeout(SILENCE, [self._process])
+        patience = InactivityTimeout(SILENCE, self._own)
         while True:
             self._commands.publish(command)
             resend_at = time.monotonic() + RESEND_AFTER
@@ -164,7 +174,7 @@ class RosClient(AbstractContextManager["RosClient"]):
                 state = self._receive(resend_at - now)
                 if state is not None and state.episode == episode and state.step == step:
                     return state
-            self._process.check()
+            self._check()
             if patience.is_out():
                 raise self._lost(f"has not answered step {step} of episode {episode} within {SILENCE:g} s")
 
@@ -186,12 +196,16 @@ class RosClient(AbstractContextManager["RosClient"]):
         return bool(seen) and self._reset_service.service_is_ready()
 
     def _wait_until(self, condition: Callable[[], bool], timeout: float, complaint: str) -> None:
-        patience = InactivityTimeout(timeout, [self._process])
+        patience = InactivityTimeout(timeout, self._own)
         while not condition():
             self._node.spin_once(0.02)
-            self._process.check()
+            self._check()
             if patience.is_out():
                 raise self._lost(f"{complaint} within {timeout:g} s")
+
+    def _check(self) -> None:
+        for process in self._own:
+            process.check()
 
     def _lost(self, complaint: str) -> NodeLost:
         where = f"/{node_tools.NAMESPACE} in ROS domain {self.domain_id}"
