@@ -9,6 +9,7 @@ A page marks a table by ``<!-- figures: NAME -->`` and ``<!-- /figures -->``; wh
     machine  that it ran on
     depends  on which sources, names of `SOURCES`
     note     what the command does not say (optional)
+    rider    that rode (of tables that stand beside others)
     duration of the measurement (optional; `tools/measure.py` writes it)
 
 Below a table stands where it is from. Where a source has changed since, the line says so.
@@ -26,6 +27,9 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from textwrap import dedent, fill
 from typing import Any, Final
+
+import numpy as np
+from scipy.stats import t as student
 
 from bike_analysis.figures.cells import cells, markdown
 
@@ -140,6 +144,28 @@ def pairs(name: str) -> str:
         numbers = {key: float(row[key]) for key in ("best_s", "median_s", "median_excess", "line_distance_m")}
         rows.append(cells(PAIRS.values(), row | numbers | {"median_excess": 100.0 * numbers["median_excess"]}))
     return markdown([list(PAIRS), *rows]) + origin(DATA / f"{name}.csv")
+
+
+GAINS: Final = ("rider", "rides whole", "median over the closest line, mean of the pairs", "faster than the first")
+
+
+def gains(name: str) -> str:
+    """Return riders of the same pairs of machine and circuit, and by how much their medians are below the first's.
+
+    Differences are paired; behind them stands half of their 95 % interval over the pairs (Student's t).
+    """
+    table: list[list[str]] = []
+    files = name.split(",")
+    first = np.array([float(row["median_s"]) for row in read_records(files[0])])
+    for rider in files:
+        rows = read_records(rider)
+        whole, rides = (sum(int(row[key]) for row in rows) for key in ("whole", "rides"))
+        excess = np.mean([100.0 * float(row["median_excess"]) for row in rows])
+        gain = 100.0 * (1.0 - np.array([float(row["median_s"]) for row in rows]) / first)
+        half = student.ppf(0.975, len(gain) - 1) * gain.std(ddof=1) / len(gain) ** 0.5
+        paired = "-" if rider == files[0] else f"{gain.mean():.2f} ± {half:.2f} %"
+        table.append([read_head(DATA / f"{rider}.csv")["rider"], f"{whole} of {rides}", f"{excess:.2f} %", paired])
+    return markdown([GAINS, *table]) + "".join(origin(DATA / f"{rider}.csv") for rider in files)
 
 
 def random_circuits(name: str) -> str:
@@ -262,7 +288,8 @@ def parameters(node: str) -> str:
 
 
 KINDS: Final[Mapping[str, Callable[[str], str]]] = {
-    function.__name__: function for function in (shipped, pairs, random_circuits, headline, paper, command, parameters)
+    function.__name__: function
+    for function in (shipped, pairs, gains, random_circuits, headline, paper, command, parameters)
 }
 
 
