@@ -354,7 +354,7 @@ SENT_FOR = 2.0
 @pytest.mark.slow
 def test_ten_bicycles_at_a_hundred_hertz_are_recorded_whole(ros: Any, sender: Any, tmp_path: Path) -> None:
     folder = tmp_path / "ride"
-    recorder = ros.start("bike_sim.ros.record", path=str(folder), max_bag_size=2_000_000)
+    recorder = ros.start("bike_sim.ros.record", path=str(folder))
     sender.until(sender.figures)
     command = [sys.executable, "-m", "bench.recorder_speed", "--send", str(BIKES), str(RATE), str(SENT_FOR)]
     environment = {**os.environ, DOMAIN_VARIABLE: str(ros.domain)}
