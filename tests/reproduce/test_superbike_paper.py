@@ -245,8 +245,10 @@ def test_the_whole_way_and_again(tmp_path: Path, whole_way) -> None:
     }
     assert set(data["laps"][data["laps"]["actor"] == "early"]["step"]) == {244}
     assert set(data["transfers"]["machine"]) == {"panigale_v4r", "r1"}
-    last = data["contexts"].loc[data["contexts"]["iteration"].idxmax()]
-    assert set(data["contexts"]["setting"]) == {"spdl"}
+    contexts = dict(list(data["contexts"].groupby("setting")))
+    assert set(contexts) == {"spdl", "sac"}
+    assert contexts["sac"]["kl"].max() < 1e-6  # SAC draws from the target all along
+    last = contexts["spdl"].loc[contexts["spdl"]["iteration"].idxmax()]
     assert last.stage == "towards the target"
     # What is written is the divergence of the distribution that is written.
     mean = [last.d_median, last.d_ideal, (last.v_max - 25.0) / 65.0]
