@@ -16,7 +16,7 @@ from bike_analysis.figures.compare import Comparison
 from bike_analysis.figures.laps import Lap
 from bike_analysis.figures.metrics import Figures, ride_figures
 from bike_analysis.figures.recorded import compare, open_ride
-from bike_analysis.figures.rides import Ride, find_rides
+from bike_analysis.figures.rides import Ride, RideRecording, find_rides
 from bike_analysis.read.container import RecordingError
 from bike_analysis.read.reading import Recording, read_recording
 
@@ -27,6 +27,7 @@ __all__ = [
     "Recording",
     "RecordingError",
     "Ride",
+    "RideRecording",
     "compare",
     "find_rides",
     "open_ride",

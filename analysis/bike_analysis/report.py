@@ -17,11 +17,10 @@ from bike_analysis.figures.compare import Comparison, CourseError
 from bike_analysis.figures.laps import Lap
 from bike_analysis.figures.recorded import comparable, compare, open_ride
 from bike_analysis.figures.results import comparison_figures, finite, recording_figures, ride_entry
-from bike_analysis.figures.rides import Ride
+from bike_analysis.figures.rides import Ride, RideRecording
 from bike_analysis.page.ride_page import write_page
 from bike_analysis.page.video import write_video
 from bike_analysis.read.container import METADATA_FILE, RecordingError, find_files
-from bike_analysis.read.reading import Recording
 
 PAGE_NAME: Final = "ride.html"
 LAP_PAGE_NAME: Final = "lap.html"
@@ -146,13 +145,13 @@ def _keep_recordings(recordings: Sequence[str | os.PathLike[str]], written: Sequ
 
 def _open_all(
     paths: Sequence[str | os.PathLike[str]], namespace: str | None
-) -> tuple[list[Recording], tuple[str, ...]]:
+) -> tuple[list[RideRecording], tuple[str, ...]]:
     """Open recordings; those that cannot be read become sentences, unless none can.
 
     Raises:
         RecordingError, OSError: That of the first file, if no file can be read.
     """
-    opened: list[Recording] = []
+    opened: list[RideRecording] = []
     failures: list[RecordingError | OSError] = []
     for path in paths:
         try:
@@ -169,7 +168,7 @@ def _open_all(
     return opened, tuple(f"left out: {error}" for error in failures)
 
 
-def _comparisons(recordings: Sequence[Recording], station_m: float | None) -> tuple[list[Comparison], list[str]]:
+def _comparisons(recordings: Sequence[RideRecording], station_m: float | None) -> tuple[list[Comparison], list[str]]:
     """Compare rides on the same course; sentences for those that cannot be compared.
 
     Raises:

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from bike_analysis.figures.laps import has_limits
 from bike_analysis.figures.metrics import Figures
 from bike_analysis.figures.numbers import rate
-from bike_analysis.figures.rides import Ride
+from bike_analysis.figures.rides import Ride, RideRecording
 from bike_analysis.read.messages import Floats, RecordedCourse
-from bike_analysis.read.reading import Recording
 from bike_sim.course.course import Course
 from bike_sim.course.files import load_track, shipped_tracks
 from bike_sim.course.track import Corner, Track, find_corners
@@ -87,7 +86,7 @@ class Theory:
     machine: Machine | None = None
 
 
-def circuit_figures(recording: Recording, theory: Theory) -> dict[str, Any]:
+def circuit_figures(recording: RideRecording, theory: Theory) -> dict[str, Any]:
     """Figures of the laps of a recording's first ride on a circuit, ready for JSON. Out-laps do not count as laps."""
     ride, figures = recording.rides[0], recording.rides[0].figures
     flying = [lap for lap in figures.complete_laps if not lap.out_lap]

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from itertools import chain, count
 from pathlib import Path
 
 from bike_analysis.figures.compare import Comparison, Run, compare_runs
 from bike_analysis.figures.laps import Lap
-from bike_analysis.figures.rides import Ride, find_rides
-from bike_analysis.read.reading import Recording, read_recording
+from bike_analysis.figures.rides import Ride, RideRecording, find_rides
+from bike_analysis.read.reading import read_recording
 
 
 def folder_prefixes(paths: Sequence[Path]) -> list[str]:
@@ -41,11 +40,11 @@ def _last(folder: Path, parts: int) -> tuple[str, ...]:
     return folder.parts[-parts:] if parts else ()
 
 
-Comparable = str | os.PathLike[str] | Recording | Ride | Lap
+Comparable = str | os.PathLike[str] | RideRecording | Ride | Lap
 """Arguments of `compare`."""
 
 
-def open_ride(path: str | os.PathLike[str], namespace: str | None = None) -> Recording:
+def open_ride(path: str | os.PathLike[str], namespace: str | None = None) -> RideRecording:
     """Open a recording.
 
     Args:
@@ -61,7 +60,7 @@ def open_ride(path: str | os.PathLike[str], namespace: str | None = None) -> Rec
         OSError: If the file cannot be read.
     """
     recording = read_recording(path, namespace)
-    return replace(recording, rides=find_rides(recording))
+    return RideRecording(**vars(recording), rides=find_rides(recording))
 
 
 def compare(items: Iterable[Comparable], station_m: float | None = None) -> Comparison:
@@ -88,7 +87,7 @@ def comparable(items: Iterable[Comparable]) -> list[Ride | Lap]:
     given = [open_ride(i) if isinstance(i, str | os.PathLike) else i for i in items]
     flat: list[Ride | Lap] = []
     for item in given:
-        flat += item.rides if isinstance(item, Recording) else [item]
+        flat += item.rides if isinstance(item, RideRecording) else [item]
     if len(flat) == 1 and isinstance(flat[0], Ride) and flat[0].laps:
         return list(flat[0].laps)
     return [(item.best_lap or item) if isinstance(item, Ride) else item for item in flat]

@@ -9,8 +9,7 @@ import numpy as np
 
 from bike_analysis.figures.compare import Comparison
 from bike_analysis.figures.metrics import latency_figures
-from bike_analysis.figures.rides import Ride
-from bike_analysis.read.reading import Recording
+from bike_analysis.figures.rides import Ride, RideRecording
 
 SCHEMA: Final = "bike.analyze/4"
 
@@ -24,7 +23,7 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def recording_figures(recording: Recording) -> dict[str, Any]:
+def recording_figures(recording: RideRecording) -> dict[str, Any]:
     """Describe a recording; what was not recorded is None."""
     median, p99 = latency_figures(recording.latencies)
     return {

@@ -147,6 +147,20 @@ class Ride:
         return np.searchsorted(course.section_starts, progress, side="right").astype(np.int64) - 1
 
 
+@dataclass(frozen=True, eq=False)
+class RideRecording(Recording):
+    """A recording whose rides are found.
+
+    Attributes:
+        rides: In order, at least one.
+    """
+
+    rides: tuple[Ride, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<RideRecording {self.path.name}: {len(self.rides)} rides, {len(self.states)} states>"
+
+
 def find_rides(recording: Recording) -> tuple[Ride, ...]:
     """Split a recording into rides.
 

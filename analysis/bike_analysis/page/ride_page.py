@@ -16,7 +16,7 @@ from bike_analysis.figures.compare import Comparison, counted_runs
 from bike_analysis.figures.metrics import Figures
 from bike_analysis.figures.numbers import lap_text
 from bike_analysis.figures.recorded import folder_prefixes
-from bike_analysis.figures.rides import Ride
+from bike_analysis.figures.rides import Ride, RideRecording
 from bike_analysis.page.document import (
     html_text,
     key_html,
@@ -34,7 +34,6 @@ from bike_analysis.page.ride_view import FAST, comparison_view, ride_view
 from bike_analysis.page.view import View, view_html
 from bike_analysis.read.container import MAX_SENTENCE
 from bike_analysis.read.messages import Floats
-from bike_analysis.read.reading import Recording
 
 DRAWN_RIDES: Final = 6
 """Rides that are drawn: the failed ones and those with the largest errors; the table has all of them."""
@@ -46,7 +45,7 @@ _ENDS: Final = {"finished": "finished", "fell": "fell", "off_course": "left the 
 
 
 def write_page(
-    recordings: Sequence[Recording],
+    recordings: Sequence[RideRecording],
     path: str | os.PathLike[str],
     comparison: Comparison | None = None,
     theory: Theory | None = None,
@@ -227,7 +226,7 @@ def _corner_table(found: Sequence[Figures], title: str, is_open: bool) -> str:
 # ---- rides ---------------------------------------------------------------------------------------------------------
 
 
-def _below(recordings: Sequence[tuple[Recording, str]]) -> str:
+def _below(recordings: Sequence[tuple[RideRecording, str]]) -> str:
     """Text below the title: a line for each recording; who made the page ends that of a single one."""
     lines = [html_text(" · ".join(_words(recording, file)), MAX_SENTENCE) for recording, file in recordings]
     made = html_text(f"page by {program_version()}")
@@ -236,7 +235,7 @@ def _below(recordings: Sequence[tuple[Recording, str]]) -> str:
     return "".join(f'<p class="soft">{line}</p>' for line in lines) + more
 
 
-def _words(recording: Recording, file: str) -> list[str]:
+def _words(recording: RideRecording, file: str) -> list[str]:
     total = sum(ride.figures.duration_s for ride in recording.rides)
     distance = sum(ride.figures.distance_m for ride in recording.rides)
     words = [file] if file else []
@@ -247,7 +246,7 @@ def _words(recording: Recording, file: str) -> list[str]:
     return words + note_words(recording.notes, ("vehicle",))
 
 
-def _warnings(recording: Recording, file: str) -> str:
+def _warnings(recording: RideRecording, file: str) -> str:
     if not recording.warnings:
         return ""
     name = f"{file}: " if file else ""

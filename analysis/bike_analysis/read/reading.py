@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,9 +48,6 @@ from bike_analysis.read.messages import (
     suspension_of,
 )
 from bike_sim.schema import SIGNALS
-
-if TYPE_CHECKING:
-    from bike_analysis.figures.rides import Ride
 
 LARGEST_DEFINITION: Final = 256 * 1024
 """Longer definitions of a type are not parsed, bytes. That of our states has six thousand."""
@@ -148,7 +145,6 @@ class Recording:
         topics: Number of messages read by topic.
         simulations: Engines and steps by which motion was computed, each once; none without beginnings.
         dropped_messages: Messages that the recorder had to give up, as it reported them; None without a report.
-        rides: Its rides, in order, at least one; `bike_analysis.open_ride` finds them.
     """
 
     path: Path
@@ -167,10 +163,9 @@ class Recording:
     topics: dict[str, int] = field(default_factory=dict)
     simulations: tuple[Simulation, ...] = ()
     dropped_messages: int | None = None
-    rides: tuple[Ride, ...] = ()
 
     def __repr__(self) -> str:
-        return f"<Recording {self.path.name}: {len(self.rides)} rides, {len(self.states)} states>"
+        return f"<Recording {self.path.name}: {len(self.states)} states>"
 
     @property
     def policy(self) -> str:
