@@ -156,14 +156,14 @@ def gains(name: str) -> str:
     """
     table: list[list[str]] = []
     files = name.split(",")
-    first = np.array([float(row["median_s"]) for row in read_records(files[0])])
-    for rider in files:
-        rows = read_records(rider)
-        whole, rides = (sum(int(row[key]) for row in rows) for key in ("whole", "rides"))
-        excess = np.mean([100.0 * float(row["median_excess"]) for row in rows])
-        gain = 100.0 * (1.0 - np.array([float(row["median_s"]) for row in rows]) / first)
+    tables = {rider: {(row["vehicle"], row["circuit"]): row for row in read_records(rider)} for rider in files}
+    first = tables[files[0]]
+    for rider, rows in tables.items():
+        whole, rides = (sum(int(row[key]) for row in rows.values()) for key in ("whole", "rides"))
+        excess = np.mean([100.0 * float(row["median_excess"]) for row in rows.values()])
+        gain = np.array([100.0 * (1.0 - float(rows[p]["median_s"]) / float(first[p]["median_s"])) for p in first])
         half = student.ppf(0.975, len(gain) - 1) * gain.std(ddof=1) / len(gain) ** 0.5
-        paired = "-" if rider == files[0] else f"{gain.mean():.2f} ± {half:.2f} %"
+        paired = "-" if rows is first else f"{gain.mean():.2f} ± {half:.2f} %"
         table.append([read_head(DATA / f"{rider}.csv")["rider"], f"{whole} of {rides}", f"{excess:.2f} %", paired])
     return markdown([GAINS, *table]) + "".join(origin(DATA / f"{rider}.csv") for rider in files)
 

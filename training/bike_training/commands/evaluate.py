@@ -20,6 +20,7 @@ from bike_sim.course.files import load_course
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances, load_disturbances
 from bike_sim.sim.plant import ridden_superbike
+from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_superbike
 from bike_sim.vehicles.superbike import Superbike
@@ -27,9 +28,9 @@ from bike_training.arguments import check_positive, check_whole, make_folder
 from bike_training.commands.declarations import DEFAULT_SUPERBIKE, SUPERBIKE
 from bike_training.envs.clients import make_client
 from bike_training.progress import progress_bar, setter
-from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, Ride, draw, evaluate
+from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, draw, evaluate
 from bike_training.rollout.races import delay_of, ride_races
-from bike_training.rollout.rollout import ride_through
+from bike_training.rollout.rollout import RideResult, ride_through
 from bike_training.rollout.stability import stability
 from bike_training.tasks.base import round_robin
 
@@ -73,11 +74,14 @@ def _evaluate(
     """Return the figures of one rider."""
     total = len(args.speeds) * (1 + args.random_rides)
     times: list[float] = []
+
+    def ride(request: ResetRequest, longest: float) -> RideResult:
+        return ride_through(client, rider, request, longest, times)
+
     with (
         closing(make_client(args.client, config)) as client,
         progress_bar(rider.name, "ride", total, quiet=args.json) as bar,
     ):
-        ride: Ride = lambda request, longest: ride_through(client, rider, request, longest, times)  # noqa: E731
         figures = evaluate(ride, args.course, args.speeds, args.random_rides, args.seed, bar.update)
     answers = 1e3 * np.percentile(times, (50.0, 99.0)) if times else ()
     return {

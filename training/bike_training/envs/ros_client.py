@@ -7,6 +7,7 @@ and one state in lockstep, so the rides are bit for bit those of :class:`bike_si
 from __future__ import annotations
 
 import contextlib
+import os
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -82,7 +83,7 @@ class RosClient(AbstractContextManager["RosClient"]):
         return domain_id
 
     def _open(self) -> None:
-        self._node = node_tools.GuestNode("ride_client", self.domain_id)
+        self._node = node_tools.GuestNode(f"ride_client_{os.getpid()}_{id(self) & 0xFFFF:x}", self.domain_id)
         self._close.callback(self._node.close)
         self._commands = self._node.create_publisher(BikeCommand, "command", node_tools.COMMAND_QOS)
         # Before the subscriptions: a matched simulator knows where to send its answers; earlier ones are dropped.
