@@ -61,6 +61,7 @@ SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
         *(f"{_POLICY}/riders/{name}.py" for name in ("classical", "racing")),
     ),
     "learning": tuple(f"training/bike_training/{name}" for name in ("tasks", "curricula", "learning", "presets")),
+    "exporting": (_CONTRACT[0], f"{_POLICY}/policies", "training/bike_training/exporting"),
     "ros": (f"{_SIM}/ros", f"{_POLICY}/drive.py"),
 }
 """Paths of each source, as git takes them."""

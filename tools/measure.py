@@ -21,6 +21,8 @@ from typing import Any, Final, NamedTuple
 
 from figures import DATA, ROOT, SOURCES, changed_sources, read_head
 
+from bike_policy.contract.bundle import shipped_policies
+
 CLASSES: Final[Mapping[str, float]] = {"minutes": 900.0, "hour": 7200.0, "days": float("inf")}
 """Longest duration of a measurement, s."""
 Rows = list[list[Any]]
@@ -183,6 +185,12 @@ SHAKE: Final = {
     "wobble hands on, 1/s": "{held_wobble_real_1_s:.2f}", "0 to 100 km/h, s": "{to_100_s:.2f}",
     "end of a quarter mile, km/h": "{quarter_mile_km_h:.0f}", "top speed, km/h": "{top_km_h:.0f}",
 }  # fmt: skip
+EXPORTED: Final = {
+    "policy": "`{name}`", "weights": "{weights}", "bytes": "{weight_bytes:,}", "multiply-adds": "{multiply_adds:,}",
+    "ONNX, largest difference": "{onnx_difference:.1e}", "C, largest difference": "{difference:.1e}",
+    "of which rounding, RMS": "{rounding_rms:.1e}", "µs an answer, here": "{answer_us:.1f}",
+    "ms counted, Cortex-M4": "{cortex_m4_ms:.2f}",
+}  # fmt: skip
 SUSPENDED: Final = [f"{name}_suspended" for name in ("panigale_v4r", "zx10rr", "cbr1000rr_r", "r1", "m1000rr")]
 CIRCUITS: Final = ("barcelona", "cremona", "phillip_island")
 STEPS: Final = ("", "--time-step 0.005", "--engine whipple", "--engine whipple --time-step 0.005")
@@ -214,6 +222,10 @@ TABLES: Final[Mapping[str, Table]] = {
     "generalist_pairs": Table(races),
     "generalist_random": Table(races, _circuits(100, 199)),
     "speed": Table(speeds),
+    "exported_policies": Table(
+        columns("headers", **EXPORTED),
+        tuple(f"{name} --weights {kind}" for name in shipped_policies() for kind in ("float", "int8")),
+    ),
 }
 """Data that one command makes. Trainings and papers take days: theirs is what ``bike reproduce`` and ``bike sweep``
 leave, which go on where they were stopped too."""

@@ -78,7 +78,7 @@ def pinned(name: str) -> set[str]:
         ("bike_sim", ()),
         ("bike_policy", ()),
         ("bike_analysis", ("analysis",)),
-        ("bike_training", ("foxglove", "sweep", "training")),
+        ("bike_training", ("foxglove", "onnx", "sweep", "training")),
     ],
 )
 def test_what_a_package_imports_is_declared(package: str, extras: tuple[str, ...]) -> None:
@@ -88,7 +88,7 @@ def test_what_a_package_imports_is_declared(package: str, extras: tuple[str, ...
 
 def test_what_is_declared_is_imported() -> None:
     used = {name for package in FOLDERS for name in imported(package)} | set(NOT_IMPORTED)
-    assert declared("analysis", "foxglove", "parquet", "sweep", "training") == used
+    assert declared("analysis", "foxglove", "onnx", "parquet", "sweep", "training") == used
 
 
 def test_all_is_all() -> None:

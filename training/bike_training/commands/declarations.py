@@ -25,7 +25,7 @@ _TABLE: Final[Mapping[str, Any]] = yaml.load(
 )
 BICYCLE, SUPERBIKE, NODES, ALL, ATTACHED, REFINEMENT, RESUMED, CLASSICAL = _TABLE["subjects"][:8]
 RECORDING, REPLAY, EXPLANATION, RUNS, SWEEP, CIRCUIT, TEMPLATE, PARAMETERS = _TABLE["subjects"][8:16]
-RUN, REFINED, LEARNING, WORK, DATA = _TABLE["subjects"][16:]
+RUN, REFINED, LEARNING, WORK, DATA, POLICY = _TABLE["subjects"][16:]
 """Subjects of commands, as options name them; `WORK` is that of commands with one alone."""
 
 DEFAULT_BICYCLE: Final = "whipple"
@@ -212,8 +212,13 @@ def _train_subject(args: Namespace) -> str:
 
 
 def _export_subject(args: Namespace) -> str:
+    from bike_policy.contract.bundle import CARD_FILE, shipped_policies
     from bike_training.learning.run_settings import GRADIENT_TABLE as TABLE
 
+    if (args.run / CARD_FILE).is_file() or (str(args.run) in shipped_policies() and not args.run.exists()):
+        if args.onnx is None and args.c is None:
+            raise ValueError(f"{args.run} is a policy already; say what to write of it: --onnx FILE or --c FILE")
+        return POLICY
     return REFINED if (args.run / TABLE).is_file() else RUN
 
 

@@ -1,4 +1,4 @@
-"""`bike export`: make a policy bundle of a run."""
+"""`bike export`: make a policy bundle of a run, and files of a policy that other machines run."""
 
 from __future__ import annotations
 
@@ -7,17 +7,24 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+import numpy as np
 
 from bike_policy.contract.action import STEERING_SET_VALUE, ActionLayout
 from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.arguments import read_json
 from bike_training.curricula.parts import SPEED_RANGES
+from bike_training.exporting.c_header import MICROCONTROLLER_HZ, CompiledHeader, compiler, make_header
+from bike_training.exporting.observations import observations_of
+from bike_training.exporting.onnx_file import check_onnx, onnx_bytes
 from bike_training.learning.checkpoint import Checkpoint
 from bike_training.learning.presets import Preset
 from bike_training.learning.progress import chosen_actor
 from bike_training.learning.run_settings import GRADIENT_POLICY, machines_of
+
+SCHEMA: Final = "bike.export/1"
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -72,13 +79,72 @@ def run_refined(args: argparse.Namespace) -> dict[str, Any]:
     return _save(args, bundle, GRADIENT_POLICY, figures)
 
 
+def run_policy(args: argparse.Namespace) -> dict[str, Any]:
+    """Write files of a policy."""
+    bundle = load_bundle(args.run)
+    return {"schema": SCHEMA, "ok": True, "figures": {"name": bundle.name, **_write_files(args, bundle)}}
+
+
+def _write_files(args: argparse.Namespace, bundle: Bundle) -> dict[str, Any]:
+    """Write the files of a policy that are asked for, check them, and return the figures of that."""
+    if args.onnx is None and args.c is None:
+        return {}
+    for path in (args.onnx, args.c):
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+    observations, where = observations_of(bundle, args.recording)
+    figures: dict[str, Any] = {"compared_on": where, "observations": len(observations)}
+    lines = []
+    if args.onnx is not None:
+        args.onnx.write_bytes(onnx_bytes(bundle))
+        try:
+            difference: float | None = check_onnx(args.onnx, bundle.actor, observations)
+            lines.append(f"{args.onnx}: onnxruntime's actions differ by {difference:.2g} at most from the actor's")
+        except ModuleNotFoundError:
+            difference = None
+            print(
+                f"{args.onnx} is not checked: onnxruntime is not installed (pip install onnxruntime)", file=sys.stderr
+            )
+        figures |= {"onnx": str(args.onnx), "onnx_difference": difference}
+    if args.c is not None:
+        header = make_header(bundle, args.weights, observations, where)
+        args.c.write_text(header.text, encoding="utf-8")
+        compiled: dict[str, float] = {}
+        if compiler() is None:
+            print(f"{args.c} is not checked: there is no C compiler here", file=sys.stderr)
+        else:
+            library = CompiledHeader(header)
+            answers = library.act(observations, bundle.action.size)
+            compiled["difference"] = float(np.abs(answers - bundle.actor.act_batch(observations)).max())
+            compiled["answer_us"] = 1e6 * library.answer_time(observations, bundle.action.size)
+            text = f"{compiled['difference']:.2g} at most from the actor's; {compiled['answer_us']:.1f} µs each"
+            lines.append(f"{args.c}: compiled here, its actions differ by {text}")
+        header_figures = {
+            "file": str(args.c),
+            "weights": args.weights,
+            "named_inputs": header.named,
+            "rounding_max": header.error,
+            "rounding_rms": header.error_rms,
+            "multiply_adds": header.multiply_adds,
+            "cortex_m4_cycles": header.cycles,
+            "cortex_m4_ms": 1e3 * header.cycles / MICROCONTROLLER_HZ,
+            "weight_bytes": header.bytes,
+            **compiled,
+        }
+        figures["headers"] = [header_figures]
+    if not args.json:
+        print("\n".join([*lines, f"compared on {len(observations)} observations of {where}"]))
+    return figures
+
+
 def _save(args: argparse.Namespace, bundle: Bundle, folder: str, figures: dict[str, Any]) -> dict[str, Any]:
     """Write a bundle, by default into a folder of its run, and return the figures of the command."""
     out = args.out or args.run / folder
     bundle.save(out)
     if not args.json:
         print(f"policy {bundle.name} written to {out}: the {figures['actor']!r} actor, of step {figures['actor_step']}")
-    return {"schema": "bike.export/1", "ok": True, "figures": {"out": str(out), "name": bundle.name, **figures}}
+    figures = {"out": str(out), "name": bundle.name, **figures, **_write_files(args, bundle)}
+    return {"schema": SCHEMA, "ok": True, "figures": figures}
 
 
 def _parts(text: str | None, count: int) -> list[float]:

@@ -1,0 +1,1 @@
+"""Policies in forms that other machines run: ONNX, and one C header."""
