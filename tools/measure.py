@@ -141,7 +141,8 @@ class Table(NamedTuple):
 
     Attributes:
         rows: makes its rows of the commands' answers.
-        variants: words behind the command of its head, a run each.
+        variants: words behind the command of its head, a run each; one that does not begin with an option replaces its
+            first argument.
     """
 
     rows: Callable[[Sequence[Any]], Rows]
@@ -239,9 +240,17 @@ def _sources(name: str) -> list[str]:
     return [path for source in read_head(DATA / f"{name}.csv")["depends"].split() for path in SOURCES[source]]
 
 
+def words_of(name: str, variant: str) -> list[str]:
+    """Return the words of the command in a head, behind ``bike``, and of a variant of it."""
+    words = read_head(DATA / f"{name}.csv")["command"].removeprefix("bike ").split()
+    if variant and not variant.startswith("-"):
+        del words[1]
+    return [*words, *variant.split()]
+
+
 def answer(name: str, variant: str) -> tuple[Any, float]:
     """Give a command, and return what it answered and the seconds that it took."""
-    words = [*read_head(DATA / f"{name}.csv")["command"].removeprefix("bike ").split(), *variant.split()]
+    words = words_of(name, variant)
     words += [] if "--json" in words else ["--json"]
     with tempfile.TemporaryDirectory() as folder:
         out = ["--out", folder] if words[0] == "evaluate" else []
