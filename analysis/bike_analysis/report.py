@@ -18,6 +18,7 @@ from bike_analysis.figures.laps import Lap
 from bike_analysis.figures.recorded import comparable, compare, open_ride
 from bike_analysis.figures.results import comparison_figures, finite, recording_figures, ride_entry
 from bike_analysis.figures.rides import Ride, RideRecording
+from bike_analysis.formats.motec import write_ld
 from bike_analysis.page.ride_page import write_page
 from bike_analysis.page.video import write_video
 from bike_analysis.read.container import METADATA_FILE, RecordingError, find_files
@@ -49,6 +50,7 @@ def analyze(
     parquet: str | os.PathLike[str] | None = None,
     station_m: float | None = None,
     video: Video | None = None,
+    ld: Path | None = None,
 ) -> dict[str, Any]:
     """Analyze recordings and, where asked, write their report and tables.
 
@@ -60,6 +62,7 @@ def analyze(
         parquet: File for the same as Parquet.
         station_m: Distance of the stations of the aligned table, m; by default about 2500 along the course.
         video: Moving picture of the longest ride.
+        ld: File for the longest ride as a log of MoTeC i2, with its laps in the ``.ldx`` file beside it.
 
     Returns:
         Figures ready for JSON, see docs/reference/analysis.md. A recording that cannot be read becomes a
@@ -74,7 +77,7 @@ def analyze(
     """
     given = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     page = None if out_dir is None else Path(out_dir) / PAGE_NAME
-    _keep_recordings(given, [Path(path) for path in (page, csv, parquet, video and video.path) if path])
+    keep_recordings(given, [Path(path) for path in (page, csv, parquet, video and video.path, ld) if path])
     recordings, unread = _open_all(given, namespace)
     warnings = [text if len(recordings) == 1 else f"{r.path}: {text}" for r in recordings for text in r.warnings]
     comparisons, incomparable = _comparisons(recordings, station_m)
@@ -95,8 +98,10 @@ def analyze(
         figures["csv"] = str(write_table(comparisons, csv))
     if parquet is not None:
         figures["parquet"] = str(write_table(comparisons, parquet, parquet=True))
+    longest = max(rides, key=lambda ride: ride.figures.distance_m)
+    if ld is not None:
+        figures["ld"] = str(write_ld(longest, ld))
     if video is not None:
-        longest = max(rides, key=lambda ride: ride.figures.distance_m)
         figures["video"] = str(write_video(longest, video.path, video.begin_s, video.duration_s))
     plain: dict[str, Any] = finite(figures)
     return plain
@@ -127,7 +132,7 @@ def analyze_laps(path: str | os.PathLike[str], theory: Theory, out_dir: Path | N
     return figures
 
 
-def _keep_recordings(recordings: Sequence[str | os.PathLike[str]], written: Sequence[Path]) -> None:
+def keep_recordings(recordings: Sequence[str | os.PathLike[str]], written: Sequence[Path]) -> None:
     """See that no recording is overwritten, whatever name or link it is called by.
 
     Raises:

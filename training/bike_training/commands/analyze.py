@@ -10,11 +10,13 @@ from typing import Any, Final
 
 from bike_analysis.figures.cells import cells, table_text
 from bike_analysis.figures.results import SCHEMA
+from bike_analysis.formats.topics import read_topic, write_topic
 from bike_analysis.read.container import MAX_FAULT, shown
-from bike_analysis.report import Video, analyze
+from bike_analysis.report import Video, analyze, keep_recordings
 from bike_analysis.sweeps.report import COMPARISONS, GROUPS, labelled, report_sweep
 
 SWEEP_SCHEMA: Final = "bike.analyze_sweep/1"
+TOPIC_SCHEMA: Final = "bike.analyze_topic/1"
 MOST_SECTORS: Final = 6
 """Sectors whose times fit beside a lap. A path has a section for each of its elements, told in lines of their own."""
 MAX_LINE: Final = 10_000
@@ -42,6 +44,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             csv=args.csv,
             parquet=args.parquet,
             station_m=args.station,
+            ld=args.ld,
             video=None if args.video is None else Video(args.video, args.begin, args.duration),
         )
     for warning in figures["warnings"]:
@@ -49,6 +52,31 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if not args.json:
         print(text_of(figures))
     return {"schema": SCHEMA, "ok": len(figures["recordings"]) == len(args.objects), "figures": figures}
+
+
+def run_topic(args: argparse.Namespace) -> dict[str, Any]:
+    """Write a topic of a recording as a table, or print its head and columns; any ROS 2 bag will do.
+
+    Raises:
+        FileNotFoundError: If there is no such recording.
+        RecordingError: If there is no such topic, or nothing of it can be read.
+        ValueError: If a file to be written is the recording.
+        OSError: If a file cannot be read or written.
+    """
+    path, files = args.objects[0], {"csv": args.csv, "parquet": args.parquet}
+    keep_recordings([path], [file for file in files.values() if file])
+    table, warnings = read_topic(path, args.topic)
+    for warning in warnings:
+        print(f"warning: {shown(warning, MAX_FAULT)}", file=sys.stderr)
+    written = {name: str(write_topic(table, file, parquet=name == "parquet")) for name, file in files.items() if file}
+    columns = {name: str(kind) for name, kind in table.dtypes.items()}
+    figures = {"topic": args.topic, "messages": len(table), "columns": columns, "warnings": list(warnings), **written}
+    if not args.json:
+        lines = [f"{len(table)} messages of {args.topic}", *table_text({"column": "{name}", "type": "{kind}"}, [
+            {"name": name, "kind": kind} for name, kind in columns.items()
+        ]), *(f"{name}: {file}" for name, file in written.items())]  # fmt: skip
+        print("\n".join(shown(line, MAX_LINE) for line in lines))
+    return {"schema": TOPIC_SCHEMA, "ok": True, "figures": figures}
 
 
 def run_sweep(args: argparse.Namespace) -> dict[str, Any]:
@@ -92,7 +120,7 @@ def text_of(figures: dict[str, Any]) -> str:
             lines.append(f"{name}the policy answered in {times}, by its last report")
         if recording["dropped_messages"]:
             lines.append(f"{name}the recorder dropped {recording['dropped_messages']} messages")
-    lines += [f"{name}: {figures[name]}" for name in ("page", "csv", "parquet", "video") if name in figures]
+    lines += [f"{name}: {figures[name]}" for name in ("page", "csv", "parquet", "ld", "video") if name in figures]
     return "\n".join(shown(line, MAX_LINE) for line in lines)
 
 

@@ -25,7 +25,7 @@ _TABLE: Final[Mapping[str, Any]] = yaml.load(
 )
 BICYCLE, SUPERBIKE, NODES, ALL, ATTACHED, REFINEMENT, RESUMED, CLASSICAL = _TABLE["subjects"][:8]
 RECORDING, REPLAY, EXPLANATION, RUNS, SWEEP, CIRCUIT, TEMPLATE, PARAMETERS = _TABLE["subjects"][8:16]
-RUN, REFINED, LEARNING, WORK, DATA, POLICY = _TABLE["subjects"][16:]
+RUN, REFINED, LEARNING, WORK, DATA, POLICY, TOPIC = _TABLE["subjects"][16:]
 """Subjects of commands, as options name them; `WORK` is that of commands with one alone."""
 
 DEFAULT_BICYCLE: Final = "whipple"
@@ -259,6 +259,10 @@ def _analyze_subject(args: Namespace) -> str:
             )
         return REPLAY if args.replay else EXPLANATION
     first: Path = args.objects[0]
+    if args.topic is not None:
+        if len(args.objects) > 1:
+            raise ValueError(f"--topic takes one recording, got {len(args.objects)}")
+        return TOPIC
     if any((first / name).is_file() for name in ("sweep.yaml", "runs.parquet")):
         if len(args.objects) > 1:
             raise ValueError(f"one sweep is reported at a time, got {len(args.objects)} objects")
