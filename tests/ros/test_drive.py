@@ -54,9 +54,10 @@ def test_a_ride_with_both_nodes_killed_and_restarted(ros, policy) -> None:
 
 
 def test_the_nodes_ride_as_the_policy_rides_in_process(ros, policy) -> None:
+    """That of the vehicle's kind, where none is chosen."""
     ros.simulator(course="benchmark", seed=3, perturb=True)
     probe = ros.probe()
-    driver = ros.start("bike_policy.drive", policy=policy)
+    driver = ros.start("bike_policy.drive")
     probe.until(lambda: probe.states[-1].step >= STEPS)
     rider, simulator = make_rider(policy), Simulator(SimulatorConfig(time_step=0.005))
     snapshot = simulator.reset(ResetRequest(seed=3, course="benchmark", perturb=True))
@@ -75,6 +76,7 @@ def test_the_nodes_ride_as_the_policy_rides_in_process(ros, policy) -> None:
     latest = {entry.key: entry.value for entry in probe.statuses["drive"][-1].values}
     assert 0.0 < float(latest["latency_median_ms"]) <= float(latest["latency_p99_ms"])
     driver.end()
+    assert f"'{policy}' is driving episode 1" in driver.words
     assert "latency median" in driver.words
 
 

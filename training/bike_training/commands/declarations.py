@@ -28,6 +28,8 @@ RECORDING, REPLAY, EXPLANATION, RUNS, SWEEP, CIRCUIT, TEMPLATE, PARAMETERS = _TA
 RUN, REFINED, LEARNING, WORK, DATA, POLICY, TOPIC = _TABLE["subjects"][16:]
 """Subjects of commands, as options name them; `WORK` is that of commands with one alone."""
 
+DEFAULT_RIDER: Final = "default"
+"""Stands for the rider that the policy node chooses by the vehicle."""
 DEFAULT_BICYCLE: Final = "whipple"
 DEFAULT_SUPERBIKE: Final = "panigale_v4r"
 ALL_SUPERBIKES: Final = "superbikes"
@@ -117,6 +119,8 @@ class CommandParser(ArgumentParser):
             if subject in defaults:
                 if getattr(args, name) is None:
                     setattr(args, name, defaults[subject])
+                if name == "rider" and args.rider == DEFAULT_RIDER:
+                    args.rider = _default_rider(args.vehicle)
             elif getattr(args, name) is not None:
                 raise ValueError(f"{flag} is for {', or '.join(defaults)}, and this is {subject}")
 
@@ -164,6 +168,14 @@ def _rider_kind(name: str) -> str:
     return SUPERBIKE if load_bundle(name, RIDERS).layout.races else BICYCLE
 
 
+def _default_rider(vehicle: str) -> str:
+    """Return the rider that rides a vehicle where none is chosen, the same as in the policy node."""
+    from bike_policy.riders.rider import default_name
+    from bike_sim.vehicles.files import load_vehicle
+
+    return default_name(load_vehicle(vehicle))
+
+
 def _course_kind(courses: str) -> str:
     """Return the kind of vehicle that rides a course by default: a superbike on circuits."""
     from bike_sim.course.files import kind_of
@@ -176,7 +188,7 @@ def _choose_vehicle(args: Namespace, *riders: str | None, laps: bool = True) -> 
 
     It follows from the first rider, else from the course; without both it is the bicycle.
     """
-    kinds = {rider: _rider_kind(rider) for rider in riders if rider is not None}
+    kinds = {rider: _rider_kind(rider) for rider in riders if rider not in (None, DEFAULT_RIDER)}
     if args.vehicle is None:
         kind = next(iter(kinds.values())) if kinds else _course_kind(args.course) if args.course else BICYCLE
         args.vehicle = DEFAULT_SUPERBIKE if kind == SUPERBIKE else DEFAULT_BICYCLE
@@ -227,6 +239,7 @@ def _evaluate_subject(args: Namespace) -> str:
 
     if args.compare and args.rider is not None:
         raise ValueError("--compare names all riders that are evaluated; leave out the other")
+    args.rider = None if args.rider == DEFAULT_RIDER else args.rider
     riders = args.compare or [args.rider]
     chosen = args.vehicle is not None
     kind = _choose_vehicle(args, *(riders if chosen or riders[0] is not None else [DEFAULT_BICYCLE]))

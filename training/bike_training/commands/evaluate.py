@@ -13,16 +13,16 @@ from typing import Any, Final
 import numpy as np
 
 from bike_analysis.figures.cells import lines_of, table_text
-from bike_policy.contract.bundle import DEFAULT_POLICY, DEFAULT_RACER, load_bundle
+from bike_policy.contract.bundle import DEFAULT_RACER, load_bundle
 from bike_policy.riders.disturbed import DisturbedRider
-from bike_policy.riders.rider import Rider, bundle_of, make_rider
+from bike_policy.riders.rider import Rider, bundle_of, default_name, make_rider
 from bike_sim.course.files import load_course
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances, load_disturbances
 from bike_sim.sim.plant import ridden_superbike
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
-from bike_sim.vehicles.files import load_superbike
+from bike_sim.vehicles.files import load_superbike, load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole, make_folder
 from bike_training.commands.declarations import DEFAULT_SUPERBIKE, SUPERBIKE
@@ -42,7 +42,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         check_positive("--speeds", speed, "m/s")
     check_whole("--random-rides", args.random_rides, 0)
     check_whole("--seed", args.seed, 0)
-    riders = [make_rider(name) for name in args.compare or [args.rider or DEFAULT_POLICY]]
+    names = args.compare or [args.rider or default_name(load_vehicle(args.vehicle))]
+    riders = [make_rider(name) for name in names]
     config = SimulatorConfig(vehicle=args.vehicle, engine=args.engine, time_step=args.time_step)
     for rider in riders:
         bundle = bundle_of(rider)

@@ -18,8 +18,7 @@ import rclpy.node
 from bike_msgs.msg import BikeState
 from bike_msgs.msg import Course as CourseMessage
 
-from bike_policy.contract.bundle import DEFAULT_POLICY
-from bike_policy.riders.rider import Rider, bundle_of, make_rider
+from bike_policy.riders.rider import DEFAULT, Rider, bundle_of, make_rider
 from bike_sim.course.course import Course
 from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import Command
@@ -35,8 +34,9 @@ VEHICLE: Final = ParameterSpec("vehicle", "", "YAML file of the vehicle, where i
 SPECS: Final = (
     ParameterSpec(
         "policy",
-        DEFAULT_POLICY,
-        "whipple, lqr, mpc or stanley; racer, generalist, spdl_barcelona or classical; or the folder of a bundle.",
+        DEFAULT,
+        "whipple, lqr, mpc or stanley; racer, generalist, spdl_barcelona or classical; the folder of a bundle; or "
+        "default (or nothing), which chooses by the vehicle that the simulator holds.",
         fixed=True,
     ),
     VEHICLE,
@@ -104,7 +104,7 @@ class Drive(rclpy.node.Node):
 
     def _rider_of(self, values: dict[str, Any]) -> Rider:
         """Make the rider that answers."""
-        rider = make_rider(values["policy"])
+        rider = make_rider(values["policy"] or DEFAULT)
         if not values["disturbances"]:
             return rider
         from bike_policy.riders.disturbed import DisturbedRider  # late: a ride is seldom disturbed
@@ -212,7 +212,9 @@ class Drive(rclpy.node.Node):
         warning = None if bundle is None else bundle.speed_warning(message.snapshot.speed)
         if warning is not None:
             self.get_logger().warning(warning)
-        self.get_logger().info(f"driving episode {message.snapshot.episode} from step {message.snapshot.step}")
+        self.get_logger().info(
+            f"{self._rider.name!r} is driving episode {message.snapshot.episode} from step {message.snapshot.step}"
+        )
         return True
 
     def _on_course(self, message: CourseMessage) -> None:

@@ -9,12 +9,13 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.contract.bundle import Bundle, load_bundle
+from bike_policy.contract.bundle import DEFAULT_POLICY, DEFAULT_RACER, Bundle, load_bundle
 from bike_policy.contract.observation import Rows, rows_of
 from bike_sim.course.course import Course
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.superbike import Superbike
 
 
 class Rider(Protocol):
@@ -60,11 +61,24 @@ OBSERVED: Final = ("lqr", "mpc")
 """Those of them that an observer helps (`bike_policy.riders.observer`); learned riders of bicycles are the others."""
 
 
+DEFAULT: Final = "default"
+"""Name of the rider that rides any vehicle, see `default_name`; a bundle is not found by it."""
+OTHER_BICYCLES: Final = "lqr"
+"""Rider of bicycles that no shipped policy was trained for: it is designed for each."""
+
+
+def default_name(vehicle: Vehicle) -> str:
+    """Return the name of the rider that rides a vehicle where none is chosen."""
+    if isinstance(vehicle, Superbike):
+        return DEFAULT_RACER
+    return DEFAULT_POLICY if load_bundle(DEFAULT_POLICY).vehicle == vehicle.name else OTHER_BICYCLES
+
+
 def make_rider(name: str) -> Rider:
     """Return the rider of a name; on a bicycle with an observer, which changes no bit of a ride that is not disturbed.
 
     Args:
-        name: a key of RIDERS, a shipped bundle, or the folder of one.
+        name: a key of RIDERS, a shipped bundle, the folder of one, or DEFAULT.
 
     Raises:
         ValueError: a bundle that cannot be used.
@@ -72,6 +86,8 @@ def make_rider(name: str) -> Rider:
     """
     from bike_policy.riders.observer import ObservedRider
 
+    if name == DEFAULT:
+        return DefaultRider()
     if name in RIDERS:
         module, kind = RIDERS[name]
         rider: Rider = getattr(import_module(module), kind)()
@@ -86,6 +102,31 @@ def bundle_of(rider: Rider) -> Bundle | None:
     while hasattr(inner, "rider"):
         inner = inner.rider
     return getattr(inner, "bundle", None)
+
+
+class DefaultRider:
+    """Rides each vehicle with the rider of `default_name`; implements `bike_policy.riders.rider.Rider`.
+
+    Attributes:
+        rider: of the present ride; None before the first.
+        name: its name.
+        preview: none in particular: policies of paths pick theirs out of the simulator's.
+    """
+
+    rider: Rider | None = None
+    name = DEFAULT
+    preview: Preview | None = None
+
+    def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
+        """Choose the rider of a vehicle, and prepare it; see `Rider`."""
+        chosen = default_name(vehicle)
+        if self.rider is None or self.name != chosen:
+            self.rider, self.name = make_rider(chosen), chosen
+        self.rider.begin(vehicle, course, period, preview)
+
+    def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
+        """Return the command of the chosen policy."""
+        return None if self.rider is None else self.rider.command(snapshot)
 
 
 class LearnedRider:
