@@ -64,12 +64,16 @@ def test_a_delay_is_found_and_costs_little(name: str, late: float, seen: float) 
         assert mean_error(late_ride) < mean_error(ride(name, Disturbances(), speed)[0]) + 0.002
 
 
-def test_an_offset_of_the_roll_is_found() -> None:
-    askew = Disturbances(bias={"roll": 0.0349})
+@pytest.mark.parametrize("askew", ["roll", "steer"])
+def test_an_offset_is_found(askew: str) -> None:
+    known = Disturbances(bias={askew: 0.0349})
+    name = {"roll": "lqr", "steer": DEFAULT_POLICY}[askew]
     for speed in (3.0, 6.0):
-        snapshots, rider = ride("lqr", askew, speed)
-        assert rider.observer.offset == pytest.approx(0.0349, abs=1e-3)
-        assert mean_error(snapshots) < 0.3 * mean_error(ride("lqr", askew, speed, plain=True)[0])
+        snapshots, rider = ride(name, known, speed)
+        expected = [0.0349 if place == askew else 0.0 for place in ("roll", "steer")]
+        assert rider.observer.offsets == pytest.approx(expected, abs=1e-3)
+        assert mean_error(snapshots) < 0.3 * mean_error(ride(name, known, speed, plain=True)[0])
+        assert mean_error(snapshots) < (0.03 if askew == "steer" else 0.05)
 
 
 def test_noise_is_found_and_filtered() -> None:
@@ -101,7 +105,7 @@ def test_pushes_are_no_noise() -> None:
     _, rider = ride("lqr", load_disturbances("impulses"), 5.0)
     assert not rider.observer.noisy
     assert rider.observer.delay == 0
-    assert abs(rider.observer.offset) < 0.008
+    assert (np.abs(rider.observer.offsets) < 0.008).all()
 
 
 def test_a_policy_is_known_behind_what_lies_before_it() -> None:

@@ -1,12 +1,13 @@
-"""Observer of a bicycle, and a rider that sees its estimates: delay, noise, an offset of the roll, and the state.
+"""Observer of a bicycle, and a rider that sees its estimates: delay, noise, offsets of roll and steer, and the state.
 
 A rider knows its bicycle, and so it can compute what each command should have done. From the differences follow
 
 - the **delay** of its commands: the one whose commands explain how the steering angle moved;
 - the **noise** of each measurement, by the median of its differences, which single pushes do not change;
-- the **state** and an **offset of the roll** (an inclinometer that is mounted askew, or a steady side force), by an
-  extended Kalman filter about the nonlinear bicycle, with that noise. A difference far beyond what the filter expects
-  is a push and not an error of a sensor: then the rates are believed.
+- the **state** and **offsets** of the roll (an inclinometer that is mounted askew, or a steady side force) and of the
+  steering angle (a handlebar that is mounted askew), by an extended Kalman filter about the nonlinear bicycle, with
+  that noise. A difference far beyond what the filter expects is a push and not an error of a sensor: then the rates are
+  believed.
 
 Source of the filter: Simon (2006), Optimal State Estimation, Wiley, Sects. 13.2 and 10.4.
 """
@@ -39,24 +40,27 @@ MAX_DELAY: Final = 4
 
 _FREE: Final = (st.ROLL, st.STEER, st.ROLL_RATE, st.STEER_RATE)
 _SIZE: Final = len(MEASURED)
-_OFFSET: Final = _SIZE
-"""Place of the roll's offset after the measured quantities."""
 _ROLL, _STEER, _RATES = 2, 3, (4, 5)
+OFFSETS: Final = (_ROLL, _STEER)
+"""Measured quantities that may have an offset; the filter has the offsets after the measured quantities."""
+_ALL: Final = _SIZE + len(OFFSETS)
+_SHOWN: Final = np.hstack([np.eye(_SIZE), np.eye(_SIZE)[:, OFFSETS]])
+"""What is measured of the filter's quantities."""
 
 _EXACT: Final = np.array([2e-3, 2e-3, 1e-3, 2e-3, 1.5e-2, 3e-2])
 """Standard deviations below which measurements count as exact: more than wind and another engine make."""
 _TRUST: Final = np.array([5e-4, 5e-4, 2e-4, 5e-4, 1e-3, 2e-3])
 """Standard deviations of exact measurements for the filter."""
-_UNKNOWN: Final = np.array([5e-4, 5e-4, 5e-4, 1e-3, 8e-3, 2e-2, 7e-4])
-"""Standard deviations of what a control period adds that the model does not know; the last one is the offset's."""
+_UNKNOWN: Final = np.array([5e-4, 5e-4, 5e-4, 1e-3, 8e-3, 2e-2, 7e-4, 2e-4])
+"""Standard deviations of what a control period adds that the model does not know; the last ones are the offsets'."""
 _FIRST_OFFSET: Final = 0.03
-"""Standard deviation of the offset at the begin, rad."""
+"""Standard deviation of an offset at the begin, rad."""
 _PUSHED: Final = 5.0
 """Differences beyond so many standard deviations are pushes."""
 _BOTH: Final = np.array([1.0, 1.0, 1.0, math.sqrt(2.0), 1.0, math.sqrt(2.0)]) / math.sqrt(2.0)
 """Part of a difference that is one measurement's: both err, but the drive steers away what the first one erred."""
-_WINDOW: Final = 40
-"""Control periods over which noise is judged."""
+_WINDOW: Final = 120
+"""Control periods over which noise is judged: the median of a third of them may be off by half."""
 _LEAST: Final = 3
 """Control periods before it is: a start on strong noise is soon a fall."""
 _OFTEN: Final = 12
@@ -78,7 +82,7 @@ _STEP: Final = 1e-4
 _SURE: Final = 3.0
 """Standard deviations by which an offset must differ from none."""
 _LEAST_OFFSET: Final = 0.008
-"""Offset below which a roll counts as right, rad."""
+"""Offset below which a measurement counts as right, rad."""
 _LASTING: Final = 8
 """Control periods that it must have lasted."""
 _SLOWLY: Final = 0.1
@@ -92,7 +96,7 @@ class Observer:
         state: estimated minimal state at the last measurement.
         delay: control periods by which commands act late.
         noise: standard deviations of the measurements (MEASURED); 0 where they count as exact.
-        offset: excess of the measured roll, rad.
+        offsets: excess of the measured roll and steering angle, rad.
     """
 
     def __init__(self, vehicle: Vehicle, period: float) -> None:
@@ -112,9 +116,9 @@ class Observer:
         self.state = np.zeros(st.STATE_SIZE)
 
     @property
-    def offset_deviation(self) -> float:
-        """Standard deviation of the offset, rad."""
-        return math.sqrt(self._spread[_OFFSET, _OFFSET])
+    def offset_deviations(self) -> FloatArray:
+        """Standard deviations of the offsets, rad."""
+        return np.sqrt(np.diag(self._spread)[_SIZE:])
 
     @property
     def noisy(self) -> bool:
@@ -157,16 +161,18 @@ class Observer:
         """Forget all but the delay."""
         self._differences: deque[FloatArray] = deque(maxlen=_WINDOW)
         self._judged = 0
+        self._beyond = np.zeros(1 + len(_RATES))
         self.noise = np.zeros(_SIZE)
         self._believe(measured)
 
     def _believe(self, measured: st.StateVector) -> None:
         """Begin the filter with a measurement, as good as its noise."""
-        self.state, self.offset = measured.copy(), 0.0
-        spread = np.zeros((_SIZE + 1, _SIZE + 1))
+        self.state, self.offsets = measured.copy(), np.zeros(len(OFFSETS))
+        spread = np.zeros((_ALL, _ALL))
         spread[:_SIZE, :_SIZE] = np.diag(np.maximum(self.noise, _TRUST) ** 2)
-        # The roll is as unsure as the offset that the measured one contains.
-        spread[np.ix_((_ROLL, _OFFSET), (_ROLL, _OFFSET))] += _FIRST_OFFSET**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        # A quantity is as unsure as the offset that the measured one contains.
+        for offset, place in enumerate(OFFSETS, start=_SIZE):
+            spread[np.ix_((place, offset), (place, offset))] += _FIRST_OFFSET**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
         self._spread = spread
 
     def _advance(self, state: st.StateVector, steer_set: float) -> None:
@@ -193,7 +199,7 @@ class Observer:
             if steer_set not in known:
                 state = self.state.copy()
                 self._advance(state, steer_set)
-                errors = (measured - state)[[st.STEER, st.STEER_RATE]] / deviation
+                errors = ((measured - state)[[st.STEER, st.STEER_RATE]] - [self.offsets[1], 0.0]) / deviation
                 known[steer_set] = min(float(errors @ errors), 25.0)
             self._against[late] = _FORGET * self._against[late] + known[steer_set]
         best = int(np.argmin(self._against))
@@ -219,26 +225,34 @@ class Observer:
         self.noise = np.where(noisy, deviation, 0.0)
 
     def _filter(self, measured: st.StateVector) -> None:
-        expected, spread = self._expected, self._spread
+        expected, spread, shown = self._expected, self._spread, _SHOWN
         difference = _difference(measured, expected)
-        difference[_ROLL] -= self.offset
-        shown = np.hstack([np.eye(_SIZE), np.zeros((_SIZE, 1))])
-        shown[_ROLL, _OFFSET] = 1.0
+        difference[list(OFFSETS)] -= self.offsets
         errors = np.diag(np.maximum(self.noise, _TRUST) ** 2)
         size = np.sqrt(np.diag(shown @ spread @ shown.T + errors))
-        if any(abs(difference[k]) > _PUSHED * size[k] for k in (_ROLL, *_RATES)):
+        if self._is_pushed(difference / size):
             for k in (_ROLL, _STEER, *_RATES):
                 spread[k, k] += difference[k] ** 2
         gain = np.linalg.solve(shown @ spread @ shown.T + errors, shown @ spread).T
         change = gain @ difference
-        self._spread = (np.eye(_SIZE + 1) - gain @ shown) @ spread
+        self._spread = (np.eye(_ALL) - gain @ shown) @ spread
         self._spread = 0.5 * (self._spread + self._spread.T)
-        self.offset += float(change[_OFFSET])
+        self.offsets += change[_SIZE:]
         self.state = _displaced(expected, measured, change, self.noisy)
 
+    def _is_pushed(self, difference: FloatArray) -> bool:
+        """Return whether a difference, in standard deviations, is that of a push.
+
+        A noisy measurement may be one in a thousand; a push shows in the next one as well.
+        """
+        beyond = np.where(np.abs(difference) > _PUSHED, np.sign(difference), 0.0)[[_ROLL, *_RATES]]
+        lasts = beyond * self._beyond > 0.0
+        self._beyond = beyond
+        return bool(lasts.any() if self.noisy else beyond.any())
+
     def _transition(self, before: st.StateVector, after: st.StateVector, steer_set: float) -> FloatArray:
-        """Return how deviations before a control period change those after it, shape (7, 7)."""
-        moves = np.eye(_SIZE + 1)
+        """Return how deviations before a control period change those after it, shape (8, 8)."""
+        moves = np.eye(_ALL)
         sin, cos = math.sin(after[st.YAW]), math.cos(after[st.YAW])
         moved = after[[st.X, st.Y]] - before[[st.X, st.Y]]
         moves[0, 0] = math.cos(after[st.YAW] - before[st.YAW])
@@ -284,7 +298,7 @@ def _displaced(expected: st.StateVector, measured: st.StateVector, change: Float
 
 
 class ObservedRider:
-    """Shows its rider the state without noise and offset, and as late as the answer will act.
+    """Shows its rider the state without noise and offsets, and as late as the answer will act.
 
     Where an observer finds neither delay nor noise nor an offset, the rider is shown what was measured, bit for bit.
 
@@ -307,7 +321,7 @@ class ObservedRider:
         self._vehicle, self._course, self._points = vehicle, course, preview
         self._machine = lk.Machine(vehicle.parameters, True, vehicle.mass)
         self._line, self._form = course.samples, lk.Points(preview.by_time, preview.interval)
-        self._lasting, self._share = 0, 0.0
+        self._lasting, self._share = np.zeros(len(OFFSETS), dtype=int), np.zeros(len(OFFSETS))
         self._step: int | None = None
         self._answer: tuple[float, float] | None = None
 
@@ -332,15 +346,15 @@ class ObservedRider:
 
     def _shown(self, snapshot: Snapshot) -> Snapshot:
         observer = self.observer
-        sure = abs(observer.offset) > max(_LEAST_OFFSET, _SURE * observer.offset_deviation)
-        self._lasting = self._lasting + 1 if sure else 0
-        if self._lasting >= _LASTING or self._share > 0.0:
-            self._share = min(self._share + _SLOWLY, 1.0)
-        if not (self._share or observer.delay or observer.noisy):
+        sure = np.abs(observer.offsets) > np.maximum(_LEAST_OFFSET, _SURE * observer.offset_deviations)
+        self._lasting = np.where(sure, self._lasting + 1, 0)
+        found = (self._lasting >= _LASTING) | (self._share > 0.0)
+        self._share = np.where(found, np.minimum(self._share + _SLOWLY, 1.0), 0.0)
+        if not (found.any() or observer.delay or observer.noisy):
             return snapshot
         state = observer.ahead()
-        # As long as the offset is not sure it may be a steady turn of another bicycle: then the measured roll counts.
-        state[st.ROLL] += (1.0 - self._share) * observer.offset
+        # As long as an offset is not sure it may be a steady turn of another bicycle: then what is measured counts.
+        state[[st.ROLL, st.STEER]] += (1.0 - self._share) * observer.offsets
         return self._seen_from(snapshot, state)
 
     def _seen_from(self, snapshot: Snapshot, state: st.StateVector) -> Snapshot:
