@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from stable_baselines3.common.logger import Logger
 
 from bike_sim.sim.batch import COMPILED_ENGINE
 from bike_sim.sim.beginning import begin
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.simulator import Simulator
-from bike_training.curricula.parts import TRANSITION_STEPS, PartsCurriculum
+from bike_training.curricula.parts import PARTS, TRANSITION_STEPS, PartsCurriculum
 from bike_training.envs.env import BikeEnv
 from bike_training.envs.node_process import NodeLost
 from bike_training.envs.vec_env import BatchVecEnv
@@ -23,7 +24,7 @@ from bike_training.learning.learner import AveragedActor, actor_tensors, build_m
 from bike_training.learning.presets import load_preset
 from bike_training.learning.process import LearningProcess
 from bike_training.learning.run_settings import RunSettings
-from bike_training.learning.validation import kept
+from bike_training.learning.validation import SideBySide, kept
 from bike_training.tasks.path import TASKS
 
 TINY = {
@@ -250,6 +251,34 @@ def test_each_session_logs_episodes_in_a_table_of_its_own(tmp_path, monkeypatch)
         second = (folder / "tensorboard" / "progress_from_000000210.csv").read_text()
         assert [row["time/total_timesteps"] for row in csv.DictReader(second.splitlines())] == ["410"]
     assert not open_files(tmp_path)
+
+
+def test_an_actor_that_swings_ends_no_curriculum_and_is_selected_behind_each_that_does_not(tmp_path, monkeypatch):
+    """However well it rides the paths of validations."""
+    process, stable = tiny_process(tmp_path), []
+    preset = process.settings.preset.changed({"curriculum.stable": True, "curriculum.last_speeds": 2})
+    process.settings = replace(process.settings, preset=preset)
+    process.progress.curriculum = curriculum = preset.curriculum.make([])
+    process.model.set_logger(Logger(None, []))
+    monkeypatch.setattr(SideBySide, "errors", lambda self, actor, requests: [0.0] * len(requests))
+    ridden = np.zeros((1, 1)), np.ones(1, dtype=bool)
+    monkeypatch.setattr("bike_training.learning.process.ride_side_by_side", lambda *_, **__: ridden)
+    monkeypatch.setattr("bike_training.learning.process.is_stable", lambda *_: stable.pop())
+    while curriculum.part < PARTS:
+        process.validate()  # of parts before the last one it does not ask
+    stable += [True, False]
+    process.validate()
+    assert not curriculum.finished
+    assert process.progress.validations[-1][-2] == 0
+    process.validate()
+    assert curriculum.finished
+    stable += [True, False]
+    process.select()
+    assert process.progress.selections[-1][1] == process.task.largest_error
+    process.select()
+    assert process.progress.best_error_m == 0.0
+    assert not stable
+    process.close()
 
 
 def test_actors_of_some_steps_stay_also_in_a_run_that_goes_on(tmp_path):

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from bike_policy.contract.bundle import load_bundle, shipped_policies
-from bike_policy.riders.rider import make_rider
+from bike_policy.contract.bundle import Actor, load_bundle, shipped_policies
+from bike_policy.riders.rider import LearnedRider, make_rider
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.simulator import Simulator
-from bike_training.rollout.stability import _slopes_at_rest, deviations, settle, stability
+from bike_training.rollout.stability import _slopes_at_rest, deviations, is_stable, settle, stability
 
 CLASSICAL = ("lqr", "mpc", "stanley")
 LEARNED = [name for name in shipped_policies() if not load_bundle(name).layout.races]
@@ -26,6 +28,15 @@ def test_steady_rides_are_stable_and_a_push_is_forgotten(name: str) -> None:
         assert row["spectral_radius_turn"] < 0.99, row
         assert row["swing_deg"] < 0.5, row
         assert abs(row["offset_m"]) < 1e-3, row
+
+
+def test_a_rider_that_answers_too_strongly_is_not_stable() -> None:
+    """It may ride on, swinging about the path."""
+    bundle, config = load_bundle(LEARNED[0]), SimulatorConfig(engine="whipple", time_step=0.01)
+    kernels, biases = [w.T for w in bundle.actor.weights], bundle.actor.biases
+    for gain, stable in ((1.0, True), (4.0, False)):
+        actor = Actor([*kernels[:-1], gain * kernels[-1]], biases)
+        assert is_stable(LearnedRider(replace(bundle, actor=actor)), config, (7.0,)) is stable
 
 
 def test_the_derivative_is_that_at_the_fixed_point() -> None:

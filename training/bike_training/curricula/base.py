@@ -85,6 +85,11 @@ class Curriculum(ABC):
     def passes(self, errors: Sequence[float]) -> bool:
         """Return whether a validation with these errors was fully successful."""
 
+    @property
+    def asks_for_stability(self) -> bool:
+        """Whether a validation counts only with an actor whose closed loop is stable."""
+        return False
+
     def ended(self, episode: EndedEpisode) -> None:  # noqa: B027
         """Take note of how an episode of learning went."""
 

@@ -82,6 +82,8 @@ class PartsSettings(CurriculumSettings):
         sharp: whether a third of the rides of the last part each are FAST_AND_SHARP and SLOW_AND_SHARP.
         last_speeds: rides of a validation of the last part, at so many even speeds with both ends, so that none is left
             out by luck; 0 for VALIDATION_RIDES at random speeds, as published.
+        stable: whether validations of the last part, and comparisons of actors after it, ask for a closed loop that is
+            stable about steady rides as well: an actor may ride all paths and swing about a straight.
         validate_every: least learning steps between two validations.
         select_every: learning steps between two comparisons of actors once the curriculum is finished.
     """
@@ -96,6 +98,7 @@ class PartsSettings(CurriculumSettings):
     refine: bool = False
     sharp: bool = False
     last_speeds: int = 0
+    stable: bool = False
     validate_every: int = 4000
     select_every: int = 10_000
 
@@ -117,6 +120,11 @@ class PartsCurriculum(Curriculum):
         """Begin with the first part."""
         self._settings = settings or PartsSettings()
         self.entered_at = 0
+
+    @property
+    def asks_for_stability(self) -> bool:
+        """Whether it does in this part."""
+        return self._settings.stable and self.part >= PARTS
 
     def may_validate(self, step: int) -> bool:
         """Return whether the intervals no longer grow; while they do no validation is made."""

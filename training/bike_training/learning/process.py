@@ -21,7 +21,8 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
-from bike_policy.contract.bundle import Actor
+from bike_policy.contract.bundle import Actor, Bundle
+from bike_policy.riders.rider import LearnedRider
 from bike_sim.sim.request import ResetRequest
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.arguments import write_whole
@@ -37,6 +38,7 @@ from bike_training.learning.presets import GradientSettings
 from bike_training.learning.progress import Progress
 from bike_training.learning.run_settings import TRAINING_DRAWS, VALIDATION_DRAWS, RunSettings, draws, source_commit
 from bike_training.learning.validation import SideBySide, keep, ride_side_by_side
+from bike_training.rollout.stability import is_stable
 from bike_training.settings import to_plain
 from bike_training.tasks.base import Task
 
@@ -357,7 +359,8 @@ class LearningProcess(BaseCallback):
         step, part, actor = self.model.num_timesteps, curriculum.part, self.actor()
         requests = curriculum.validation_requests(task.preview, progress.rng)
         errors = self._side_by_side(len(requests)).errors(actor, requests)
-        succeeded, passed = curriculum.passes(errors), curriculum.validated(step, errors)
+        succeeded = curriculum.passes(errors) and self._is_stable_enough(actor)
+        passed = succeeded and curriculum.validated(step, errors)
         mean, largest = float(np.mean(errors) * task.largest_error), max(errors) * task.largest_error
         progress.recent_error_m, progress.validated_at, progress.validation_due = mean, step, False
         if succeeded:
@@ -376,6 +379,16 @@ class LearningProcess(BaseCallback):
         last = step // period == self.steps // period or (self.settings.until_finished and curriculum.finished)
         if every and (last or (len(progress.validations) - 1) % every == 0):
             self._record(actor, requests[0], step, part)
+
+    def _is_stable_enough(self, actor: Actor) -> bool:
+        """Return whether the closed loop of an actor is stable, where the curriculum asks for it."""
+        if not self.progress.curriculum.asks_for_stability:
+            return True
+        config, task, name = self.settings.compiled_simulator(), self.task, self.settings.vehicle
+        vehicle = load_vehicle(name)
+        layout = self.settings.preset.deployed_layout
+        bundle = Bundle(vehicle.name, actor, layout, task.action, vehicle.name, config.control_period)
+        return is_stable(LearnedRider(bundle), config)
 
     def _side_by_side(self, count: int) -> SideBySide:
         """Return vehicles for a number of rides: those of the last validation, unless it had another number.
@@ -416,6 +429,8 @@ class LearningProcess(BaseCallback):
         requests = progress.curriculum.selection_requests(task.preview)
         config, machines = self.settings.compiled_simulator(), self.settings.machines
         error = task.selection_error(*ride_side_by_side(actor, task, config, requests, machines=machines))
+        if error < progress.best_error_m and not self._is_stable_enough(actor):
+            error += task.largest_error  # behind each one that is
         if error < progress.best_error_m:
             progress.best, progress.best_error_m, progress.best_step = actor, error, step
         progress.selections.append([step, round(error, 6)])

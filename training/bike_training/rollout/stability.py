@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import replace
 from typing import Any, Final
 
@@ -190,6 +191,19 @@ def stability(rider: Rider, speeds: Sequence[float] = SPEEDS) -> dict[str, Any]:
     client.close()
     names = ("spectral_radius_upright", "spectral_radius_turn", "swing_deg")
     return {**{f"worst_{name}": _worst([row[name] for row in rows]) for name in names}, "stability": rows}
+
+
+def is_stable(rider: Rider, config: SimulatorConfig, speeds: Sequence[float] = SPEEDS) -> bool:
+    """Return whether the steady rides of a straight and of a circle are stable at all speeds.
+
+    Args:
+        rider: without memory of earlier steps.
+        config: of the simulator.
+        speeds: m/s.
+    """
+    with closing(Simulator(config)) as client:
+        radii = (spectral_radius(client, rider, course, speed) for speed in speeds for course in (STRAIGHT, TURN))
+        return all(radius is not None and radius < 1.0 for radius in radii)
 
 
 def _worst(values: Sequence[float | None]) -> float | None:
