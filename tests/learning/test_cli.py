@@ -128,6 +128,13 @@ def test_train_export_and_evaluate(tmp_path, capsys):
         assert f"--within {limits}: " in capsys.readouterr().err
     run_json(capsys, "export", run, "--which", "last", "--within", "3:1.2,4.5:0.8", "--out", str(tmp_path / "held"))
     assert load_bundle(tmp_path / "held").action.columns[0].within == ((3.0, 1.2), (4.5, 0.8))
+    run_json(capsys, "export", run, "--which", "last", "--symmetric", "--out", str(tmp_path / "odd"))
+    plain, odd = (load_bundle(folder).actor for folder in (run + "/policy", tmp_path / "odd"))
+    seen = np.random.default_rng(0).normal(size=(5, LEAN_LAYOUT.size)).astype(np.float32)
+    both = (seen, seen * LEAN_LAYOUT.mirror_signs)
+    means = [np.arctanh(actor.act_batch(each)) for actor in (plain, odd) for each in both]
+    np.testing.assert_allclose(means[2], 0.5 * (means[0] - means[1]), atol=1e-5)
+    np.testing.assert_allclose(means[3], -means[2], atol=1e-5)
     words = ["evaluate", run + "/policy", "--speeds", "4", "--engine", "whipple", "--time-step", "0.01"]
     code, result = run_json(capsys, *words, "--out", str(tmp_path / "out"))
     assert result["figures"]["policy"] == "mine"

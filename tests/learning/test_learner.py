@@ -13,6 +13,7 @@ import pytest
 from bike_policy.contract.action import DRIVE, LEAN_REQUEST, ActionColumn, ActionLayout
 from bike_policy.contract.bundle import Actor
 from bike_policy.contract.observation import COMPACT, LEAN_LAYOUT, PROP_LAYOUT, Rows
+from bike_sim.schema import GRAVITY
 from bike_training.learning.learner import MirrorReplayBuffer, actor_tensors, build_model
 from bike_training.learning.preconditioning import coordinates, networks
 from bike_training.learning.presets import load_preset
@@ -29,7 +30,7 @@ def test_preview_points_become_the_lean_preview() -> None:
     assert changed == pytest.approx(as_lean, abs=1e-4)
 
 
-@pytest.mark.parametrize("name", ["prop", "alt1", "alt2", "lean"])
+@pytest.mark.parametrize("name", ["prop", "alt1", "alt2", "lean", "fine"])
 def test_nothing_is_lost(name: str) -> None:
     assert np.linalg.cond(coordinates(TASKS[name].layout).astype(np.float64)) < 1e4
 
@@ -43,7 +44,7 @@ def test_only_paths_and_only_one_learner() -> None:
 
 def test_the_deployed_actor_answers_as_the_one_that_learns() -> None:
     layout = TASKS["prop"].layout
-    actor = networks(layout)["actor_class"](net_arch=(16, 16), action_dim=1)
+    actor = networks(layout, TASKS["prop"].action)["actor_class"](net_arch=(16, 16), action_dim=1)
     observations = np.random.default_rng(3).normal(size=(2, layout.size)).astype(np.float32)
     params = actor.init(jax.random.PRNGKey(3), observations)
     wanted = actor.apply(params, observations).mode()
@@ -51,6 +52,23 @@ def test_the_deployed_actor_answers_as_the_one_that_learns() -> None:
     found = Actor(*actor_tensors(SimpleNamespace(policy=policy))).act_batch(observations)
     assert np.abs(wanted).max() > 1e-3
     assert found == pytest.approx(np.asarray(wanted), abs=1e-5)
+
+
+def test_critics_see_a_steady_turn_as_no_deviation() -> None:
+    """On its line a bicycle leans as the line asks for, and the set point is the steering angle: all of it is 0."""
+    task = TASKS["fine"]
+    lean, steer = np.tan(0.3), 0.2
+    state, preview = np.zeros((1, 10)), 0.5 * GRAVITY * lean * (0.1 * np.arange(25)) ** 2
+    state[0, [3, 4]] = -lean, steer
+    seen = task.layout.observe(Rows.of_path(state, np.zeros((1, 12)), preview[None]))
+    changed = dict(zip(task.layout.names, (seen @ coordinates(task.layout))[0], strict=True))
+    assert changed["roll"] == pytest.approx(0.0, abs=1e-4)
+    assert changed["t_p9"] == pytest.approx(lean / 0.3, rel=1e-3)
+    critics = networks(task.layout, task.action)["vector_critic_class"].keywords
+    given = steer / task.max_steer
+    shown = critics["action_gain"] * given - seen[0] @ critics["action_origin"]
+    assert shown == pytest.approx(0.0, abs=1e-5)
+    assert critics["action_gain"] * 0.1 / task.max_steer == pytest.approx(1.0)
 
 
 ACTION = ActionLayout((ActionColumn(LEAN_REQUEST), ActionColumn(DRIVE)))

@@ -102,6 +102,8 @@ def test_a_run_becomes_a_bundle_with_its_share_that_is_evaluated(
     capsys.readouterr()
     assert main(["export", str(run), "--which", "last", "--within", "3:1"]) == 2
     assert "of a bicycle's steering" in capsys.readouterr().err
+    assert main(["export", str(run), "--which", "last", "--symmetric"]) == 2
+    assert "is for policies of bicycles" in capsys.readouterr().err
     exported = load_bundle(run / "policy")
     assert exported.layout.races
     assert exported.layout == replace(COMPACT, share=0.9)

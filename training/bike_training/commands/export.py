@@ -12,7 +12,8 @@ from typing import Any, Final
 import numpy as np
 
 from bike_policy.contract.action import STEERING_SET_VALUE, ActionLayout
-from bike_policy.contract.bundle import Bundle, load_bundle
+from bike_policy.contract.bundle import Actor, Bundle, load_bundle
+from bike_policy.contract.observation import ObservationLayout
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.arguments import read_json
 from bike_training.curricula.parts import SPEED_RANGES
@@ -41,6 +42,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if actor is None:
         advice = "" if which == "last" else ", or export --which last"
         raise ValueError(f"{args.run}: there is no {which!r} actor yet; train longer{advice}")
+    if args.symmetric:
+        actor = _odd_part(actor, preset.deployed_layout)
     vehicle = load_vehicle(machines_of(summary["vehicle"])[0])
     task = preset.task
     parts = _parts(args.range, task.action.size)
@@ -57,11 +60,28 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             "actor": which,
             "actor_step": step,
             "range": parts,
+            **({"symmetric": True} if args.symmetric else {}),
             "exported": time.strftime("%Y-%m-%d"),
         },
         results=_results(args.evaluation),
     )
     return _save(args, bundle, "policy", {"steps": summary["steps"], "actor": which, "actor_step": step})
+
+
+def _odd_part(actor: Actor, layout: ObservationLayout) -> Actor:
+    """Return half the difference of an actor's answers to an observation and to the mirrored one, as an actor.
+
+    Raises:
+        ValueError: a policy of races, whose actions do not all change signs.
+    """
+    if layout.races:
+        raise ValueError("--symmetric is for policies of bicycles: in a mirrored race the throttle keeps its sign")
+    import jax.numpy as jnp  # late: it takes seconds
+
+    from bike_training.learning.gradients import MirrorSymmetricActor
+
+    weights = [(jnp.asarray(w), jnp.asarray(b)) for w, b in zip(actor.weights, actor.biases, strict=True)]
+    return MirrorSymmetricActor(layout).folded(weights)
 
 
 def run_refined(args: argparse.Namespace) -> dict[str, Any]:

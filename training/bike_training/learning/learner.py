@@ -107,7 +107,7 @@ def build_model(algorithm: SacSettings, task: Task, env: VecEnv, seed: int) -> O
 
     common["policy_kwargs"]["layer_norm"] = algorithm.layer_norm
     if algorithm.precondition:
-        common["policy_kwargs"] |= networks(task.layout)
+        common["policy_kwargs"] |= networks(task.layout, task.action)
     return JaxSAC("MlpPolicy", env, policy_delay=algorithm.policy_delay, **common)
 
 

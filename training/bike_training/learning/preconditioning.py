@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from sbx.common.policies import SquashedGaussianActor, VectorCritic
 
-from bike_policy.contract.observation import ObservationLayout
+from bike_policy.contract.action import ActionLayout
+from bike_policy.contract.observation import LEAN_LAYOUT, ObservationLayout
 from bike_sim.schema import GRAVITY
 
 _SIZES: Final = {
@@ -49,6 +50,8 @@ def coordinates(layout: ObservationLayout) -> NDArray[np.float32]:
     first = layout.size - layout.preview_count
     sizes = [abs(gain) * _SIZES.get(name, 1.0) for name, gain in zip(layout.names, layout.gains, strict=True)]
     matrix = np.diag([1.0 / size for size in sizes[:first]] + [1.0] * layout.preview_count)
+    if layout.terms == LEAN_LAYOUT.terms:
+        return _lean_coordinates(layout).astype(np.float32)
     if "preview_points" in layout.terms:
         matrix[first:, first:] = _differences(layout).T / layout.gains[first]
     return matrix.astype(np.float32)
@@ -69,6 +72,33 @@ def _differences(layout: ObservationLayout) -> NDArray[np.float64]:
     return matrix
 
 
+_LEAN_SIZES: Final = {"roll": 0.1, "steer": 0.1, "roll_rate": 0.3, "steer_rate": 0.5, "front_wheel_rate": 10.0}
+"""Sizes of the deviations from a line by which an exact actor steers: rad, rad/s."""
+_OFFSET: Final = 0.1
+"""The same of the distance from the line, m."""
+_LATERAL_VELOCITY: Final = 0.3
+"""The same, m/s."""
+_LEAN: Final = 0.3
+"""Size of a tangent of lean along a line."""
+_NEXT_LEANS: Final = slice(2, 5)
+"""Preview places of the leans that the roll is compared with."""
+_SET_POINT: Final = 0.1
+"""Size of the difference of a set point and the steering angle, rad: it is what the drive acts by."""
+
+
+def _lean_coordinates(layout: ObservationLayout) -> NDArray[np.float64]:
+    """Return the coordinates of a layout whose preview is in leans; the roll is taken from the lean asked next."""
+    first = layout.size - layout.preview_count
+    sizes = [gain * _LEAN_SIZES[name] for name, gain in zip(layout.names[:first], layout.gains, strict=False)]
+    leans = [_OFFSET, _LATERAL_VELOCITY, *[_LEAN] * (layout.preview_count - 2)]
+    matrix = np.diag(1.0 / np.array(sizes + leans))
+    asked = np.arange(first, layout.size)[_NEXT_LEANS]
+    # A turn to the left bends with a positive lean and a negative roll.
+    roll = layout.names.index("roll")
+    matrix[asked, roll] = 1.0 / (len(asked) * _LEAN_SIZES["roll"])
+    return matrix
+
+
 class PreconditionedActor(SquashedGaussianActor):
     """Actor of sbx that sees its inputs in other coordinates.
 
@@ -84,30 +114,43 @@ class PreconditionedActor(SquashedGaussianActor):
 
 
 class PreconditionedCritics(VectorCritic):
-    """Critics of sbx that see their observations in other coordinates.
+    """Critics of sbx that see observations and actions in other coordinates.
 
     Attributes:
         matrix: that observations, as rows, are multiplied by.
+        action_gain: factor of actions.
+        action_origin: that observations, as rows, are multiplied by and that is taken from actions; empty for nothing.
     """
 
     matrix: Matrix = ()
+    action_gain: float = 1.0
+    action_origin: tuple[float, ...] = ()
 
     def __call__(self, obs: jnp.ndarray, action: jnp.ndarray) -> Any:
         """Return the values of observations and actions."""
+        if self.action_origin:
+            action = self.action_gain * action - (obs @ jnp.asarray(self.action_origin))[:, None]
         return super().__call__(obs @ jnp.asarray(self.matrix), action)
 
 
-def networks(layout: ObservationLayout) -> dict[str, Any]:
+def networks(layout: ObservationLayout, action: ActionLayout) -> dict[str, Any]:
     """Return arguments of sbx's policy for networks that see an observation in coordinates of order one.
+
+    Args:
+        layout: of the observation.
+        action: of the task.
 
     Raises:
         ValueError: it is not the observation of a path task.
     """
     matrix = tuple(tuple(map(float, row)) for row in coordinates(layout))
-    return {
-        "actor_class": partial(PreconditionedActor, matrix=matrix),
-        "vector_critic_class": partial(PreconditionedCritics, matrix=matrix),
-    }
+    critics = partial(PreconditionedCritics, matrix=matrix)
+    if layout.terms == LEAN_LAYOUT.terms:
+        place = layout.names.index("steer")
+        origin = [0.0] * layout.size
+        origin[place] = float(1.0 / (layout.gains[place] * _SET_POINT))
+        critics = partial(critics, action_gain=action.columns[0].scale / _SET_POINT, action_origin=tuple(origin))
+    return {"actor_class": partial(PreconditionedActor, matrix=matrix), "vector_critic_class": critics}
 
 
 def taken_in(kernel: NDArray[np.float32], actor: nn.Module) -> NDArray[np.float32]:

@@ -48,6 +48,11 @@ def _path_peak(task: PathTask, distance: FloatArray, roll: FloatArray) -> FloatA
     return np.exp(-distance / task.sharpness)
 
 
+def _path_close(task: PathTask, distance: FloatArray, roll: FloatArray) -> FloatArray:
+    """Peak of width `sharpness` with a long tail: millimetres count, and so does a way back of metres. Ours."""
+    return 1.0 / (1.0 + distance / task.sharpness)
+
+
 def _upright(task: PathTask, distance: FloatArray, roll: FloatArray) -> FloatArray:
     """Eq. (10)."""
     return np.clip((ROLL_THRESHOLD - np.abs(roll)) / ROLL_THRESHOLD, 0.0, 1.0)
@@ -57,6 +62,7 @@ REWARD_TERMS: Final[Mapping[str, Callable[[PathTask, FloatArray, FloatArray], Fl
     "path_linear": _path_linear,
     "path_exponential": _path_exponential,
     "path_peak": _path_peak,
+    "path_close": _path_close,
     "upright": _upright,
 }
 """Terms of the reward by name: functions in [0, 1] of distance to the path (m) and roll (rad)."""
@@ -103,7 +109,7 @@ class PathTask(Task):
         max_steer: steering set point of action 1, rad.
         weights: terms of the reward by name, with their weights; empty for those of the variant. They sum to 1 in the
             paper (chi_1 of Eq. 7 is the weight of the distance).
-        sharpness: width of the term ``path_peak``, m.
+        sharpness: width of the terms ``path_peak`` and ``path_close``, m.
         max_steps: n_max, steps of an episode.
     """
 
