@@ -42,7 +42,10 @@ _POLICY: Final = "ros_ws/src/bike_policy/bike_policy"
 _ROLLOUT: Final = "training/bike_training/rollout"
 _SHARED: Final = f":(glob){_SIM}/physics/*.py"
 _SUPERBIKE: Final = (_SHARED, f"{_SIM}/physics/multibody", f"{_SIM}/physics/superbike")
-_CONTRACT: Final = (f"{_POLICY}/contract", f"{_POLICY}/riders/rider.py", f"{_POLICY}/riders/disturbed.py")
+_CONTRACT: Final = (
+    *(f"{_POLICY}/contract", f"{_POLICY}/riders/rider.py", f"{_POLICY}/riders/disturbed.py"),
+    f"{_POLICY}/riders/instruments.py",
+)
 SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
     "bicycle": (
         *(_SHARED, f"{_SIM}/physics/multibody", f"{_SIM}/physics/bicycle", f"{_SIM}/config/vehicles/whipple.yaml"),
@@ -169,6 +172,21 @@ def gains(name: str) -> str:
     return markdown([GAINS, *table]) + "".join(origin(DATA / f"{rider}.csv") for rider in files)
 
 
+def disturbed(name: str) -> str:
+    """Return riders of one machine on one circuit under disturbances: rides that were whole, and their median lap."""
+    files = name.split(",")
+    tables = {rider: {row["disturbances"]: row for row in read_records(rider)} for rider in files}
+    rows = []
+    for world in tables[files[0]]:
+        laps = [tables[rider][world] for rider in files]
+        texts = [f"{lap['whole']} of {lap['rides']}" for lap in laps]
+        times = [f", {float(lap['median_s']):.1f} s" if lap["median_s"] else "" for lap in laps]
+        title = "as known" if world == "none" else f"`{world}`"
+        rows.append([title, *(whole + time for whole, time in zip(texts, times, strict=True))])
+    names = [read_head(DATA / f"{rider}.csv")["rider"] for rider in files]
+    return markdown([["disturbances", *names], *rows]) + "".join(origin(DATA / f"{rider}.csv") for rider in files)
+
+
 def random_circuits(name: str) -> str:
     """Return a table of laps of random circuits, one line for each machine."""
     by_machine: dict[str, list[dict[str, str]]] = defaultdict(list)
@@ -290,7 +308,7 @@ def parameters(node: str) -> str:
 
 KINDS: Final[Mapping[str, Callable[[str], str]]] = {
     function.__name__: function
-    for function in (shipped, pairs, gains, random_circuits, headline, paper, command, parameters)
+    for function in (shipped, pairs, gains, disturbed, random_circuits, headline, paper, command, parameters)
 }
 
 

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bike_policy.riders.classical import ClassicalRider
 from bike_policy.riders.disturbed import DisturbedRider, measured
 from bike_policy.riders.lqr import LqrRider
-from bike_sim.course.files import load_course, load_track
+from bike_sim.course.files import load_track
 from bike_sim.course.road import WetPatch
 from bike_sim.physics import state as st
 from bike_sim.physics.bicycle.whipple import energy, mass_matrix
@@ -32,7 +31,7 @@ from bike_sim.sim.disturbances import (
 )
 from bike_sim.sim.followed_line import FollowedLine
 from bike_sim.sim.ground import GRIP
-from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_superbike, load_vehicle, shipped_superbikes
 from bike_training.rollout.rollout import rollout
@@ -213,9 +212,10 @@ def test_wrong_parameters_are_ridden_but_not_told() -> None:
 
 OF_ROADS = [name for name in shipped_disturbances() if load_disturbances(name).road != NO_CHANGES]
 OF_SUPERBIKES = [name for name in shipped_disturbances() if "." in "".join(load_disturbances(name).vehicle)]
+OF_INSTRUMENTS = [name for name in shipped_disturbances() if name.startswith("sensors")] + ["delay_40", "delay_60"]
 
 
-@pytest.mark.parametrize("name", sorted(set(shipped_disturbances()) - {*OF_SUPERBIKES, *OF_ROADS}))
+@pytest.mark.parametrize("name", sorted(set(shipped_disturbances()) - {*OF_SUPERBIKES, *OF_ROADS, *OF_INSTRUMENTS}))
 def test_shipped_files_disturb(name: str) -> None:
     known = load_disturbances(name)
     assert known.name == name
@@ -345,10 +345,3 @@ def test_shipped_files_of_superbikes_disturb_each(vehicle: str) -> None:
         batch.step(np.tile([0.3 if step < 30 else -0.3, 1.0 if step < 40 else -1.0], (len(known), 1)))
     assert len({tuple(state) for state in batch.state}) == len(known)
     batch.close()
-
-
-def test_errors_of_sensors_are_a_bicycles() -> None:
-    rider = DisturbedRider(ClassicalRider(), load_disturbances("noise"))
-    machine = load_superbike("r1")
-    with pytest.raises(ValueError, match="'noise' have errors of sensors"):
-        rider.begin(machine, load_course("line"), 0.02, Preview())

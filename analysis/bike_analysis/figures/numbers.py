@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
@@ -10,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_analysis.figures.rides import Ride
-from bike_analysis.read.messages import Floats
+from bike_analysis.read.messages import Floats, Table
+from bike_sim.course.road import between
 from bike_sim.schema import TELEMETRY
 
 
@@ -189,14 +191,50 @@ _LOST = ("rear_contact_lost", "front_contact_lost")
 
 def telemetry_columns(ride: Ride, rows: slice) -> dict[str, Floats]:
     """Telemetry of some of a ride's states, by name of the table's column; NaN where a state has none."""
-    telemetry = ride.telemetry
-    if not len(telemetry):
-        return {}
-    steps = ride.states.step[rows]
-    order = np.argsort(telemetry.step, kind="stable")
-    place = np.minimum(np.searchsorted(telemetry.step[order], steps), len(order) - 1)
-    match = order[place]
-    known = telemetry.step[match] == steps
-    columns = {TELEMETRY[n].column: np.where(known, c[match], np.nan) for n, c in telemetry.values.items()}
+    columns = {TELEMETRY[n].column: column for n, column in _of_states(ride.telemetry, ride, rows).items()}
     # States have accelerations, too, which are worked out from the motion.
     return {f"tyre_{n}" if n.startswith("acceleration") else n: column for n, column in columns.items()}
+
+
+def grip_columns(ride: Ride, rows: slice) -> dict[str, Floats]:
+    """Grip at some of a ride's states, inferred and true, as factors on what the rider knows, %.
+
+    Empty where the rider inferred none.
+    """
+    inferred = _of_states(ride.grip, ride, rows)
+    if "grip" not in inferred:
+        return {}
+    return {"inferred_grip": 100.0 * inferred["grip"], "true_grip": 100.0 * true_grip(ride, rows)}
+
+
+def true_grip(ride: Ride, rows: slice) -> Floats:
+    """Factor on the friction that the rider knows, of road and tyres, by the recorded disturbances."""
+    states = ride.states
+    progress = states.values.get("centre_progress", states.progress)
+    try:
+        document = json.loads(ride.recording.disturbances or "{}")
+        road, tyres = document.get("road", {}), document.get("vehicle", {})
+        factor = np.full(len(states), float(road.get("grip", 1.0)))
+        factor *= np.mean([float(tyres.get(f"{wheel}_tyre.friction", 1.0)) for wheel in ("front", "rear")])
+        length = np.inf  # of a lap along the centre line, where one ends
+        if states.course_length[0] > 0.0 and np.nanmax(states.progress) >= states.course_length[0]:
+            length = float(np.interp(states.course_length[0], states.progress, progress))
+        laps = np.floor(progress / length)
+        place = np.where(laps == 0.0, progress, progress - np.nan_to_num(laps * length))
+        for begin, end, grip in road.get("patches", []):
+            factor[between(place, float(begin), float(end))] *= float(grip)
+        factor *= 1.0 + float(road.get("drift_per_lap", 0.0)) * progress / max(states.course_length[0], 1.0)
+        return factor[rows]
+    except (AttributeError, TypeError, ValueError):
+        return np.full(len(states), np.nan)[rows]  # not a document of ours
+
+
+def _of_states(table: Table, ride: Ride, rows: slice) -> dict[str, Floats]:
+    """Columns of messages of some of a ride's states, by name; NaN where a state has none, empty without messages."""
+    if not len(table):
+        return {}
+    steps = ride.states.step[rows]
+    order = np.argsort(table.step, kind="stable")
+    match = order[np.minimum(np.searchsorted(table.step[order], steps), len(order) - 1)]
+    known = table.step[match] == steps
+    return {name: np.where(known, column[match], np.nan) for name, column in table.values.items()}

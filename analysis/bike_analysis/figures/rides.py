@@ -34,6 +34,7 @@ class Ride:
         events: Events of this ride.
         latencies: Reports of the policy's latency during this ride.
         telemetry: What tyres and engine did in this ride; empty where it was not recorded.
+        grip: What the rider inferred of the road's grip in this ride; empty where it was not recorded.
     """
 
     recording: Recording
@@ -47,6 +48,7 @@ class Ride:
     events: tuple[RecordedEvent, ...]
     latencies: tuple[Latency, ...]
     telemetry: Table
+    grip: Table
 
     def __repr__(self) -> str:
         return f"<Ride {self.label}: {len(self.states)} states, {len(self.laps)} laps>"
@@ -182,9 +184,9 @@ def find_rides(recording: Recording) -> tuple[Ride, ...]:
         episode, (begin, end) = int(whole.episode[0]), whole.order[[0, -1]]
         same = begins[states.episode[begins] == episode]
 
-        commands, telemetry = (
+        commands, telemetry, grip = (
             table.take((table.episode == episode) & (_owner(states, same, table.order) == first))
-            for table in (recording.commands, recording.telemetry)
+            for table in (recording.commands, recording.telemetry, recording.grip)
         )
         courses = [c for c in recording.courses if c.episode == episode]
         courses = [c for c in courses if _owner(states, same, c.order, True) == first]
@@ -202,6 +204,7 @@ def find_rides(recording: Recording) -> tuple[Ride, ...]:
                 events=tuple(e for e in events if _owner(states, same, e.order, e.step == 0) == first),
                 latencies=tuple(x for x in recording.latencies if begin <= x.order <= end),
                 telemetry=telemetry,
+                grip=grip,
             )
         )
     return tuple(rides)

@@ -17,6 +17,7 @@ from bike_analysis.figures.laps import beyond_limits, has_limits, lap_range
 from bike_analysis.figures.numbers import (
     AIDS,
     command_ages,
+    grip_columns,
     grip_used,
     lap_text,
     rate,
@@ -68,8 +69,8 @@ _HISTOGRAMS: Final = (
 
 
 _OF_MOTORCYCLES: Final = (
-    *("gear", "engine", "roll_rate", "torque", "slip", "drift", "load", "grip", "travel", "damper", "pitch", "twist"),
-    "chain",
+    *("gear", "engine", "roll_rate", "torque", "slip", "drift", "load", "grip", "road_grip", "travel", "damper"),
+    *("pitch", "twist", "chain"),
 )
 """Panels of motorcycles."""
 _ALONE: Final = ("steer", "balance", "command", "reached", "age")
@@ -253,6 +254,7 @@ def ride_columns(
     for wheel in ("rear", "front"):
         if f"{wheel}_slip_use" in telemetry:
             columns[f"{wheel}_grip"] = grip_used(telemetry[f"{wheel}_slip_use"])
+    columns |= grip_columns(ride, rows)
     if "fork_travel" not in columns:
         columns.pop("pitch", None)
     if fast:

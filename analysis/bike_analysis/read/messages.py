@@ -169,6 +169,7 @@ def _complete(states: dict[str, NDArray[Any]]) -> None:
 
 STATE_TYPE: Final = "bike_msgs/msg/BikeState"
 COMMAND_TYPE: Final = "bike_msgs/msg/BikeCommand"
+GRIP_TYPE: Final = "bike_msgs/msg/GripEstimate"
 TELEMETRY_TYPE: Final = "bike_msgs/msg/Telemetry"
 
 LARGEST: Final = 1e9
@@ -182,6 +183,11 @@ QUANTITIES: Final[dict[str, tuple[Quantity, ...]]] = {
         Quantity("throttle", "1", 1, "in [-1, 1], positive accelerates"),
     ),
     TELEMETRY_TYPE: TELEMETRY.quantities,
+    GRIP_TYPE: (
+        Quantity("grip", "1", 1, "factor on the friction of the known tyres that the rider infers"),
+        Quantity("expected", "1", 1, "factor that the rider plans for, here and shortly ahead"),
+        Quantity("deviation", "1", 1, "standard deviation of the error of `grip`"),
+    ),
 }
 """Numbers that are read, by type of the message."""
 COLUMNS: Final[dict[str, tuple[str, ...]]] = {
@@ -272,6 +278,7 @@ MAX_COURSE: Final = 1e7
 DECODED_BY_MESSAGE: Final = (
     *("bike_msgs/msg/EpisodeStart", "bike_msgs/msg/Course", "bike_msgs/msg/RideEvent"),
     "diagnostic_msgs/msg/DiagnosticArray",
+    "std_msgs/msg/String",
 )
 """Types of these messages."""
 

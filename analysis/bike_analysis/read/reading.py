@@ -24,6 +24,7 @@ from bike_analysis.read.messages import (
     COLUMNS,
     COMMAND_TYPE,
     DECODED_BY_MESSAGE,
+    GRIP_TYPE,
     MOTION_TYPES,
     STATE_TYPE,
     TELEMETRY_TYPE,
@@ -47,7 +48,7 @@ from bike_analysis.read.messages import (
     states_of_motion,
     suspension_of,
 )
-from bike_sim.schema import SIGNALS
+from bike_sim.schema import PLACE, SIGNALS
 
 LARGEST_DEFINITION: Final = 256 * 1024
 """Longer definitions of a type are not parsed, bytes. That of our states has six thousand."""
@@ -80,14 +81,15 @@ class _TopicReader:
             raise SchemaError(f"{schema.name} as recorded has none of the known fields; is it another version?")
         self.type_name, self.missing = schema.name, tuple(name for name in wanted if name not in available)
         self.vehicle = ""
-        signals: tuple[str, ...] = ()
+        arrays: tuple[str, ...] = ()
         if schema.name == STATE_TYPE:
             with suppress(SchemaError):
                 state = schema.decode(first)
                 self.vehicle = str(getattr(state, "vehicle", ""))
                 # fewer are of a version without suspension
-                signals = ("signals",) if len(getattr(state, "signals", ())) >= len(SIGNALS) else ()
-        self.columns = ColumnReader(schema, [*(name for name in (*_STAMP, *wanted) if name in available), *signals])
+                arrays = ("signals",) if len(getattr(state, "signals", ())) >= len(SIGNALS) else ()
+                arrays += ("centre_place",) if len(getattr(state, "centre_place", ())) == len(PLACE) else ()
+        self.columns = ColumnReader(schema, [*(name for name in (*_STAMP, *wanted) if name in available), *arrays])
         self._orders: list[Integers] = []
         self._log_times: list[Integers] = []
 
@@ -142,6 +144,8 @@ class Recording:
         warnings: What was missing or wrong, one sentence each.
         message_count: Messages read, of all topics.
         telemetry: What tyres and engine did; empty where it was not recorded.
+        grip: What the rider inferred of the road's grip; empty where it was not recorded.
+        disturbances: Document of what disturbed the rides; empty where nothing did.
         topics: Number of messages read by topic.
         simulations: Engines and steps by which motion was computed, each once; none without beginnings.
         dropped_messages: Messages that the recorder had to give up, as it reported them; None without a report.
@@ -160,6 +164,8 @@ class Recording:
     warnings: tuple[str, ...]
     message_count: int
     telemetry: Table
+    grip: Table
+    disturbances: str = ""
     topics: dict[str, int] = field(default_factory=dict)
     simulations: tuple[Simulation, ...] = ()
     dropped_messages: int | None = None
@@ -316,6 +322,8 @@ class _Reader:
             warnings=tuple(self._warnings),
             message_count=self._message_count,
             telemetry=self._table(f"{name}/telemetry", TELEMETRY_TYPE, expected=False),
+            grip=self._table(f"{name}/grip", GRIP_TYPE, expected=False),
+            disturbances=next(self._converted(f"{name}/disturbances", lambda _, message: str(message.data)), ""),
             simulations=tuple(dict.fromkeys(self._converted(f"{name}/episode", simulation_of))),
             topics=dict(sorted(self._counts.items())),
             dropped_messages=dropped_messages(reports, name),
@@ -382,6 +390,8 @@ class _Reader:
         if not len(order) and kind == STATE_TYPE:
             raise RecordingError(f"{self._path} holds no state that can be read: {reader.columns.damage}")
         table = make_table(kind, order, time_s, columns)
+        if "centre_place" in columns:
+            table = table.with_columns(centre_progress=columns["centre_place"][:, PLACE.index("centre_progress")])
         if "signals" not in columns:
             return table
         names = next(self._converted(f"{topic.removesuffix('/state')}/episode", signal_names_of), ())

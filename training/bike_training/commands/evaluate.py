@@ -15,6 +15,7 @@ import numpy as np
 from bike_analysis.figures.cells import lines_of, table_text
 from bike_policy.contract.bundle import DEFAULT_RACER, load_bundle
 from bike_policy.riders.disturbed import DisturbedRider
+from bike_policy.riders.instruments import Instruments
 from bike_policy.riders.rider import Rider, bundle_of, default_name, make_rider
 from bike_sim.course.files import load_course
 from bike_sim.sim.config import SimulatorConfig
@@ -29,7 +30,7 @@ from bike_training.commands.declarations import DEFAULT_SUPERBIKE, SUPERBIKE
 from bike_training.envs.clients import make_client
 from bike_training.progress import progress_bar, setter
 from bike_training.rollout.evaluation import PAPER_MAX, PAPER_MEAN, SPEEDS, draw, evaluate
-from bike_training.rollout.races import delay_of, ride_races
+from bike_training.rollout.races import ride_races
 from bike_training.rollout.rollout import RideResult, ride_through
 from bike_training.rollout.stability import stability
 from bike_training.tasks.base import round_robin
@@ -232,7 +233,7 @@ def _check_disturbances(disturbances: Sequence[Disturbances], machine: Superbike
     """
     for known in disturbances:
         try:
-            delay_of(known, machine)
+            Instruments([known], [machine], machine.control_period)
             ridden_superbike(machine, known)
         except ValueError as error:
             raise ValueError(f"--disturbances {known.name}: {error}") from None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final
@@ -14,7 +13,7 @@ from bike_policy.contract.bundle import Bundle
 from bike_policy.planning.grip import AdaptiveLaw
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.planning.plan_verification import BatchRider
-from bike_policy.riders.disturbed import check_sensors
+from bike_policy.riders.instruments import Instruments
 from bike_policy.riders.racing import PolicyBatch
 from bike_sim.course.lap_timing import Lap
 from bike_sim.planning.line_cache import closest_lap
@@ -60,8 +59,7 @@ def ride_races(
         laps: flying laps that each of them is to finish.
         share: part of the planned speed that is asked; None for the policy's own.
         report: called at times with the simulated time so far and the expected one, s.
-        disturbances: of the machine, which the rider knows without them, and delays; a ride is late by the sum of
-            both delays.
+        disturbances: of the machine, which the rider knows without them, and of what lies between both.
 
     Returns:
         Figures. ``whole`` are the rides that finished their laps with never both contact points outside the limits,
@@ -74,21 +72,20 @@ def ride_races(
 
     Raises:
         ValueError: a policy that does not race, a vehicle that is no superbike, a course that is a path, or
-            disturbances that only a bicycle can have.
+            disturbances that a superbike cannot have.
         FileNotFoundError: an unknown vehicle or circuit.
     """
     config = replace(superbike_config(vehicle), engine=SUPERBIKE_ENGINE)
     machine = load_superbike(vehicle)
     circuits = CircuitSet(machine, [circuit])
     known = disturbances or Disturbances()
-    delay = delay_of(known, machine)
+    instruments = Instruments([known] * starts, [machine] * starts, config.control_period)
     batch = Batch(starts, config, disturbances=known)
-    sent = deque([np.zeros((starts, 2))] * delay)
     rider = _rider(bundle, batch, share)
     for row in range(starts):
         request = _start(circuits, circuit, row, starts)
         batch.reset(row, request)
-        rider.begin(row, batch, batch.course(row))
+        rider.begin(row, instruments.begin(row, batch), batch.course(row))
     limits = batch.plant(0).envelope
     assert limits is not None, "superbikes have limits"
     theory = closest_lap(circuit, limits)
@@ -98,8 +95,7 @@ def ride_races(
     for step in range(round(TIME * theory * (laps + 1) / config.control_period)):
         if step % TELL_EVERY == 0:
             report(round(step * config.control_period), round(theory * (laps + 1)))
-        sent.append(rider.commands(batch, step))
-        commands = sent.popleft()
+        commands = instruments.acting(rider.commands(instruments.shown(batch), step))
         riding = ~batch.fallen & (_finished(batch) < laps)
         if not riding.any():
             break
@@ -150,17 +146,6 @@ def ride_races(
     }
     batch.close()
     return figures
-
-
-def delay_of(disturbances: Disturbances, machine: Superbike) -> int:
-    """Return by how many of a machine's control periods its rider's commands are late.
-
-    Raises:
-        ValueError: not a whole number of them, or errors of sensors.
-    """
-    check_sensors(disturbances, machine)
-    late = disturbances.observation_delay_s + disturbances.command_delay_s
-    return disturbances.periods(late, machine.control_period)
 
 
 def _rider(bundle: Bundle | None, batch: Batch, share: float | None) -> BatchRider:

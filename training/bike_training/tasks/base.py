@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 
 from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.observation import ObservationLayout, Rows, VehicleRows
+from bike_policy.riders.instruments import Instruments
 from bike_sim.course.course import Course
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.disturbances import Disturbances
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.worlds import load_worlds
 from bike_sim.vehicles.bicycle import Vehicle
@@ -49,7 +51,9 @@ class TaskState(ABC):
     :meth:`evaluate`.
     """
 
-    def begin(self, row: int, rows: VehicleRows, request: ResetRequest, course: Course) -> None:  # noqa: B027
+    def begin(  # noqa: B027
+        self, row: int, rows: VehicleRows, request: ResetRequest, course: Course, shown: VehicleRows | None = None
+    ) -> None:
         """Begin the ride of one vehicle.
 
         Args:
@@ -57,6 +61,7 @@ class TaskState(ABC):
             rows: of all vehicles, after its reset.
             request: of the episode.
             course: the followed line.
+            shown: what its rider is shown in place of them; None for these.
         """
 
     @abstractmethod
@@ -230,27 +235,30 @@ def batch_of(task: Task, count: int, config: SimulatorConfig, machines: Sequence
     rows = [worlds[row // each % len(worlds)] for row in range(count)] if worlds else None
     batch = Batch(count, config, task.preview, rows, names)
     vehicles = [batch.vehicle] if names is None else [load_vehicle(name) for name in machines]
-    late = [world.periods(world.command_delay_s, config.control_period) for world in rows or ()]
-    if len(vehicles) == 1 and not any(late):
+    if len(vehicles) == 1 and not any(world.acts_between for world in worlds):
         return batch, task.make_state(count, vehicles[0])
-    return batch, BatchTaskState(task, vehicles[:count], count, late or [0] * count)
+    return batch, BatchTaskState(task, vehicles[:count], rows or [Disturbances()] * count)
 
 
 class BatchTaskState(TaskState):
-    """State of a task for several machines in turn, whose commands may act late; see `TaskState`."""
+    """State of a task for several machines in turn, with what lies between them and their riders; see `TaskState`.
 
-    def __init__(self, task: Task, vehicles: Sequence[Vehicle], count: int, late: Sequence[int]) -> None:
-        """Prepare the rows of each machine, with the delay of each row's commands in control periods.
+    Riders see what their instruments show; rewards and failures are of what is.
+    """
+
+    def __init__(self, task: Task, vehicles: Sequence[Vehicle], disturbances: Sequence[Disturbances]) -> None:
+        """Prepare the rows of each machine, as many as there are disturbances.
 
         Raises:
-            ValueError: the task is not for one of the machines.
+            ValueError: the task is not for one of the machines, or instruments that it does not have.
         """
-        self._count, self._kinds = count, len(vehicles)
+        count = self._count = len(disturbances)
+        self._kinds = len(vehicles)
         self._parts = [
             task.make_state(len(range(first, count, len(vehicles))), vehicle) for first, vehicle in enumerate(vehicles)
         ]
-        self._late = np.array(late)
-        self._sent = np.zeros((max(late) + 1, count, 2))
+        self._between = any(known.acts_between for known in disturbances)
+        self._instruments = Instruments(disturbances, round_robin(vehicles, count), vehicles[0].control_period)
 
     def _each(self, rows: VehicleRows) -> Iterator[tuple[TaskState, Rows]]:
         """Return the state of each machine with its rows: views, so that what a batch does is seen."""
@@ -265,27 +273,28 @@ class BatchTaskState(TaskState):
             whole[part :: self._kinds] = result
         return whole
 
-    def begin(self, row: int, rows: VehicleRows, request: ResetRequest, course: Course) -> None:
+    def begin(
+        self, row: int, rows: VehicleRows, request: ResetRequest, course: Course, shown: VehicleRows | None = None
+    ) -> None:
         """Begin the ride of one machine, straight ahead until the first command acts."""
-        self._sent[:, row] = 0.0
         place, part = divmod(row, self._kinds)
-        state, own = list(self._each(rows))[part]
-        state.begin(place, own, request, course)
+        seen = self._instruments.begin(row, rows)
+        (state, own), (_, own_shown) = list(self._each(rows))[part], list(self._each(seen))[part]
+        state.begin(place, own, request, course, own_shown)
 
     def observe(self, rows: VehicleRows) -> NDArray[np.float32]:
         """Return the observations."""
-        return self._together(state.observe(own) for state, own in self._each(rows))
+        return self._together(state.observe(own) for state, own in self._each(self._instruments.shown(rows)))
 
     def act(self, rows: VehicleRows, actions: NDArray[np.floating]) -> None:
         """Begin a decision."""
-        for part, (state, own) in enumerate(self._each(rows)):
+        for part, (state, own) in enumerate(self._each(self._instruments.shown(rows))):
             state.act(own, actions[part :: self._kinds])
 
     def commands(self, rows: VehicleRows) -> FloatArray:
         """Return the commands that act in a control period."""
-        self._sent[1:] = self._sent[:-1].copy()
-        self._sent[0] = self._together(state.commands(own) for state, own in self._each(rows))
-        return np.asarray(self._sent[self._late, np.arange(self._count)])
+        shown = self._instruments.shown(rows)
+        return self._instruments.acting(self._together(state.commands(own) for state, own in self._each(shown)))
 
     def advance(self, rows: VehicleRows) -> None:
         """Add a control period."""
@@ -306,12 +315,12 @@ class BatchTaskState(TaskState):
         """Return the memory."""
         each = {str(part): state.state_dict() for part, state in enumerate(self._parts)}
         state = each if self._kinds > 1 else each["0"]
-        return {"sent": self._sent.copy(), "state": state} if self._late.any() else state
+        return {"instruments": self._instruments.state_dict(), "state": state} if self._between else state
 
     def restore(self, stored: Mapping[str, Any]) -> None:
         """Continue from a stored memory."""
-        if self._late.any():
-            self._sent[...] = stored["sent"]
+        if self._between:
+            self._instruments.restore(stored["instruments"])
             stored = stored["state"]
         for part, state in enumerate(self._parts):
             state.restore(stored[str(part)] if self._kinds > 1 else stored)

@@ -256,11 +256,13 @@ class RaceState(TaskState):
         """Return the signals at the beginning of a decision."""
         return {name: np.zeros(self._count) for name in REWARD_TERMS}
 
-    def begin(self, row: int, rows: VehicleRows, request: ResetRequest, course: Course) -> None:
+    def begin(
+        self, row: int, rows: VehicleRows, request: ResetRequest, course: Course, shown: VehicleRows | None = None
+    ) -> None:
         """Begin the ride of one machine."""
         context = RaceContext.of(request)
         share, cap = (None, OPEN) if context is None else (context.share, context.v_max)
-        self.interface.begin(row, rows, course, share, cap)
+        self.interface.begin(row, rows if shown is None else shown, course, share, cap)
         self._progress[row] = rows.look[row, lk.PROGRESS]
         self._rate[row] = 1.0
         self._angles[row], self._omega[row] = rows.state[row, [STEER, ROLL]], _omega(rows)[row]

@@ -18,11 +18,11 @@ import rclpy.node
 from bike_msgs.msg import BikeState
 from bike_msgs.msg import Course as CourseMessage
 
-from bike_policy.riders.rider import DEFAULT, Rider, bundle_of, make_rider
+from bike_policy.riders.rider import DEFAULT, Rider, bundle_of, grip_of, infers_grip, make_rider
 from bike_sim.course.course import Course
 from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import Command
-from bike_sim.ros.messages import StateMessage, course_from_message, decode_state, encode_command
+from bike_sim.ros.messages import StateMessage, course_from_message, decode_state, encode_command, grip_to_message
 from bike_sim.ros.node_tools import CannotGoOn, ParameterSpec
 from bike_sim.ros.subscriptions import subscribe
 from bike_sim.ros.topics import publisher
@@ -93,6 +93,7 @@ class Drive(rclpy.node.Node):
         self._reported = self._counts.copy()
         self._latencies: deque[float] = deque(maxlen=LATENCY_WINDOW)
         self._commands = publisher(self, "command")
+        self._grips = publisher(self, "grip") if infers_grip(self._rider) else None
         self._started_at = time.monotonic()
         self._diagnostics = node_tools.Diagnostics(self)
         subscribe(self, CourseMessage, "course", self._on_course, node_tools.LATCHED_QOS)
@@ -163,6 +164,8 @@ class Drive(rclpy.node.Node):
             self._counts["refused"] += 1
             return
         self._commands.publish(encode_command(Command(snapshot.episode, snapshot.step, *answer), message.stamp))
+        if self._grips is not None and (grip := grip_of(self._rider)) is not None:
+            self._grips.publish(grip_to_message(grip, snapshot, message.stamp))
         self._answered_at = time.monotonic()
         if not repeated:
             self._counts["answered"] += 1

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numba import njit
@@ -24,6 +24,7 @@ from bike_policy.contract.reference import GRIPS, KEPT
 from bike_policy.planning.lap_plan import P_FASTER, LinePlan, Planner, RiderSettings, on_grip, plan_line
 from bike_policy.planning.line_law import SEEN, LineLaw, seen_of
 from bike_policy.planning.plan_verification import verified_plan
+from bike_policy.planning.ride_observer import RideObserver
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike import tyres
 from bike_sim.planning.envelope import envelope
@@ -36,6 +37,8 @@ WANDERING: Final = 0.02**2
 """Variance by which the grip may change in 100 m."""
 FORCE_ERROR: Final = 0.01
 """Standard deviation of the force that the tyre law predicts, by the weight."""
+ESTIMATE_ERROR: Final = 0.06
+"""The same where slips and loads are estimates."""
 LEAST_FORCE: Final = 0.3
 """Force by weight below which nothing is inferred."""
 FIRST_ERROR: Final = 0.1
@@ -97,15 +100,21 @@ class GripMemory:
         self.grip[row], self.variance[row], self.expected[row] = 1.0, FIRST_ERROR**2, 1.0
         self._lap[row], self._part[row], self._parts[row], self._state[row] = np.inf, -1, parts, np.nan
 
-    def update(self, rows: VehicleRows) -> FloatArray:
-        """Take in a control period and return the expected grip, shape (n,); the same again for the same rows."""
+    def update(self, rows: VehicleRows, estimates: NDArray[np.bool_]) -> FloatArray:
+        """Take in a control period and return the expected grip, shape (n,); the same again for the same rows.
+
+        Args:
+            rows: as the rider sees them.
+            estimates: where slips and loads are estimates, shape (n,).
+        """
         seen = np.nan_to_num(rows.look[:, [PROGRESS, SPEED]])
         fresh = (rows.state != self._state).any(axis=1)
         self._state = rows.state.copy()
         wander = np.where(fresh, WANDERING * np.abs(seen[:, 1]) * self._period / 100.0, 0.0)
         np.minimum(self.variance + wander, FIRST_ERROR**2, out=self.variance)
         signals = np.nan_to_num(rows.signals)[:, _COLUMNS]
-        _update(signals, fresh, self.grip, self.variance, self._weight, *self._tyres)
+        errors = np.where(estimates, ESTIMATE_ERROR, FORCE_ERROR)
+        _update(signals, fresh, self.grip, self.variance, errors, self._weight, *self._tyres)
         self.expected = self.ahead(seen[:, 0])
         return self.expected
 
@@ -180,6 +189,7 @@ class AdaptiveLaw:
     Attributes:
         law: that it rides by.
         memory: of the grip.
+        observer: of what is measured.
     """
 
     def __init__(
@@ -197,6 +207,7 @@ class AdaptiveLaw:
         plan = plan or (lambda line: verified_plan(vehicle, line, settings, period))
         self.memory = GripMemory(vehicle, period, count)
         self.law = LineLaw(vehicle, period, settings, count)
+        self.observer = RideObserver(vehicle, period, count)
         self._settings, self._limits = settings, envelope(vehicle)
         self._planned = lru_cache(maxsize=KEPT)(lambda line: GripPlans(vehicle, line, settings, plan(line)))
         self._plans: dict[int, GripPlans] = {}
@@ -219,6 +230,7 @@ class AdaptiveLaw:
         plans = self._plans[row] = self._planned(line)
         self.law.begin(row, plans.on(1.0))
         self.memory.begin(row, line)
+        self.observer.begin(row, line)
         self._level[row] = 1.0
 
     def commands(self, rows: VehicleRows, step: int = 0, targets: FloatArray | None = None) -> FloatArray:
@@ -229,22 +241,28 @@ class AdaptiveLaw:
             step: control periods since they began.
             targets: see `LineLaw.commands`.
         """
+        rows = self.observer.observe(rows)
         seen = np.nan_to_num(seen_of(rows.state, rows.look))
-        expected = self.memory.update(rows)
+        expected = self.memory.update(rows, self.observer.estimates)
         expected = np.where(expected < 1.0 - 0.5 * LEVEL, expected - RESERVE, expected)
         level = np.clip(np.round(expected / LEVEL) * LEVEL, GRIPS[-1], 1.0)
         for row in np.flatnonzero(level != self._level).tolist():
             self.law.change(row, self._plans[row].on(float(level[row])), seen[row])
         self._level = level
-        return self.law.commands(seen, targets, self._leans(np.nan_to_num(rows.look[:, SPEED])))
+        leans = self._leans(np.nan_to_num(rows.look[:, SPEED]))
+        commands = self.law.commands(seen, targets, leans, self.observer.rates, self.observer.delays)
+        self.observer.answered(commands)
+        return commands
 
-    def state_dict(self) -> dict[str, FloatArray]:
+    def state_dict(self) -> dict[str, Any]:
         """Return what is remembered of the rides, as arrays."""
-        return {"law": self.law.memory.copy(), "level": self._level.copy(), **self.memory.state_dict()}
+        law = {"law": self.law.memory.copy(), "level": self._level.copy(), "observer": self.observer.state_dict()}
+        return law | self.memory.state_dict()
 
-    def restore(self, stored: Mapping[str, FloatArray]) -> None:
+    def restore(self, stored: Mapping[str, Any]) -> None:
         """Continue from what :meth:`state_dict` returned, after each row has begun again."""
         self.memory.restore(stored)
+        self.observer.restore(stored["observer"])
         self._level = stored["level"].copy()
         for row in np.flatnonzero(self._level != 1.0).tolist():
             self.law.change(row, self._plans[row].on(float(self._level[row])), stored["law"][row, :SEEN])
@@ -262,8 +280,8 @@ class AdaptiveLaw:
 
 @njit(cache=True)
 def _update(
-    signals: FloatArray, fresh: NDArray[np.bool_], grip: FloatArray, variance: FloatArray, weight: float, rear: Record,
-    front: Record,
+    signals: FloatArray, fresh: NDArray[np.bool_], grip: FloatArray, variance: FloatArray, errors: FloatArray,
+    weight: float, rear: Record, front: Record,
 ) -> None:  # fmt: skip
     for row in np.flatnonzero(fresh):
         rear_signals, front_signals = signals[row, :6], signals[row, 6:]
@@ -276,7 +294,7 @@ def _update(
         more = _force(grip[row] + _STEP, rear_signals, cos, sin, rear)
         more += _force(grip[row] + _STEP, front_signals, cos, sin, front)
         slope = (more - here) / (_STEP * weight)
-        gain = variance[row] * slope / (slope * slope * variance[row] + FORCE_ERROR * FORCE_ERROR)
+        gain = variance[row] * slope / (slope * slope * variance[row] + errors[row] * errors[row])
         inferred = grip[row] + gain * (force - here) / weight
         if math.isfinite(inferred):
             grip[row] = min(max(inferred, LEAST_GRIP), MOST_GRIP)

@@ -198,7 +198,12 @@ class LineLaw:
         self.memory[row, PACE] = (1.0 + self.memory[row, PACE]) * before / max(after, 1.0) - 1.0
 
     def commands(
-        self, observed: FloatArray, targets: FloatArray | None = None, leans: FloatArray | None = None
+        self,
+        observed: FloatArray,
+        targets: FloatArray | None = None,
+        leans: FloatArray | None = None,
+        rates: FloatArray | None = None,
+        delays: FloatArray | None = None,
     ) -> FloatArray:
         """Return steering and throttle in [-1, 1], shape (n, 2); the same ones again for a repeated state.
 
@@ -207,10 +212,14 @@ class LineLaw:
             targets: distance from the line to ride at, m, and change of the planned speed as a part of it, shape
                 (n, 2); None for the line as planned.
             leans: largest lean that each may request, rad, shape (n,); None for that of the settings.
+            rates: of the lateral errors, m/s, shape (n,); None or NaN for the differences of states.
+            delays: time by which commands are known to act late, s, shape (n,); None for none.
         """
         targets = np.zeros((len(observed), 2)) if targets is None else targets
         leans = np.full(len(observed), self._law.largest_lean) if leans is None else leans
-        _answer(observed, targets, leans, self.memory, self._law, self._tables, self._plans)
+        rates = np.full(len(observed), np.nan) if rates is None else rates
+        delays = np.zeros(len(observed)) if delays is None else delays
+        _answer(observed, targets, leans, rates, delays, self.memory, self._law, self._tables, self._plans)
         return self.memory[:, STEERING:OFFSET].copy()
 
     @property
@@ -227,8 +236,8 @@ Plans = tuple[FloatArray, NDArray[np.int64], NDArray[np.int64], FloatArray]
 
 @njit(cache=True)
 def _answer(
-    observed: FloatArray, targets: FloatArray, leans: FloatArray, memory: FloatArray, law: _Law, tables: Tables,
-    plans: Plans,
+    observed: FloatArray, targets: FloatArray, leans: FloatArray, rates: FloatArray, delays: FloatArray,
+    memory: FloatArray, law: _Law, tables: Tables, plans: Plans,
 ) -> None:  # fmt: skip
     """Write the answer of each ride into the memory, beside what it was the answer to."""
     for row in range(len(observed)):
@@ -240,9 +249,11 @@ def _answer(
         _approach(observed[row], memory[row], targets[row], law, plans, row)
         turning = _turning_row(observed[row, SPEED], tables)
         _catch_up(observed[row], memory[row], law, plans, row)
-        steering = _steer(observed[row], memory[row], law, tables[2], turning, plans, row, leans[row])
-        margin = (leans[row] - abs(steering) * law.max_lean) / LEAN_ROOM
-        throttle = _throttle(observed[row], memory[row], min(max(margin, 0.0), 1.0), law, tables, plans, row)
+        rate = rates[row] if math.isfinite(rates[row]) else _error_rate(observed[row], memory[row], law)
+        delay, lean = delays[row], leans[row]
+        steering = _steer(observed[row], memory[row], law, tables[2], turning, plans, row, lean, rate, delay)
+        margin = min(max((lean - abs(steering) * law.max_lean) / LEAN_ROOM, 0.0), 1.0)
+        throttle = _throttle(observed[row], memory[row], margin, law, tables, plans, row, delay)
         memory[row, :SEEN] = observed[row]
         memory[row, KNOWN], memory[row, STEERING], memory[row, THROTTLE] = 1.0, steering, throttle
 
@@ -394,17 +405,17 @@ def _turning(
 @njit(cache=True)
 def _steer(
     observed: FloatArray, memory: FloatArray, law: _Law, leans: FloatArray, turning: FloatArray, plans: Plans, row: int,
-    largest: float,
+    largest: float, error_rate: float, delay: float,
 ) -> float:  # fmt: skip
     """Return the steering: the lean that the line will require, and feedback of what is expected by then."""
-    w, h, middle, late = law.frequency, law.stencil, law.preview, law.arms
+    w, h, middle, late = law.frequency, law.stencil, law.preview + delay, law.arms + delay
     before = _wanted(observed, memory, plans, row, middle - h)
     now = _wanted(observed, memory, plans, row, middle)
     after = _wanted(observed, memory, plans, row, middle + h)
     ahead = now + (after - before) / (h * w) + (after - 2.0 * now + before) / (h * w) ** 2
     excess = _turning(observed, memory, law, leans, turning, plans, row, 0.0)
     then = _turning(observed, memory, law, leans, turning, plans, row, late)
-    memory[RATE], memory[EXCESS] = _error_rate(observed, memory, law), excess
+    memory[RATE], memory[EXCESS] = error_rate, excess
     # lateral error and its rate when the arms will have answered
     error = observed[LATERAL_ERROR] + late * memory[RATE] + late**2 * (excess / 3.0 + then / 6.0)
     error -= memory[OFFSET] + late * memory[OFFSET_RATE]
@@ -427,13 +438,14 @@ def _rolled(observed: FloatArray, law: _Law, plans: Plans, row: int) -> float:
 
 @njit(cache=True)
 def _throttle(
-    observed: FloatArray, memory: FloatArray, margin: float, law: _Law, tables: Tables, plans: Plans, row: int
-) -> float:
+    observed: FloatArray, memory: FloatArray, margin: float, law: _Law, tables: Tables, plans: Plans, row: int,
+    delay: float,
+) -> float:  # fmt: skip
     """Return throttle or brake: the force of the plan's acceleration, and of the error of speed.
 
     Of the speed that is missing it asks for a part `margin`: a machine that leans as far as it may would run wide.
     """
-    s = observed[PROGRESS] + observed[SPEED] * law.speed_preview
+    s = observed[PROGRESS] + observed[SPEED] * (law.speed_preview + delay)
     pace = 1.0 + memory[PACE]
     missing = memory[MISSING]
     missing *= margin if missing > 0.0 else 1.0

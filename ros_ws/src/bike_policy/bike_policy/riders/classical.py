@@ -32,7 +32,7 @@ from typing import Final
 import numpy as np
 
 from bike_policy.contract.observation import rows_of
-from bike_policy.planning.grip import AdaptiveLaw
+from bike_policy.planning.grip import AdaptiveLaw, GripMemory
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, RiderSettings
 from bike_policy.planning.line_law import seen_of
 from bike_sim.course.course import Course
@@ -77,6 +77,11 @@ class ClassicalRider:
             self.plan = plans.on(1.0)
             self._ride = (vehicle, course, period)
         self._law.begin(0, None, course)
+
+    @property
+    def grip_memory(self) -> GripMemory | None:
+        """What is known of the grip; None before the first ride."""
+        return None if self._ride is None else self._law.memory
 
     def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
         """Return the law's command; None where the snapshot is not finite."""

@@ -1,15 +1,19 @@
-"""Disturbances between a bicycle and its rider: sensors that err, and delays on the way in and out."""
+"""Disturbances between a vehicle and its rider: sensors that err, and delays on the way in and out.
+
+Superbikes have the instruments that batches of them have; see `bike_policy.riders.instruments`.
+"""
 
 from __future__ import annotations
 
 import math
 from collections import deque
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_policy.contract.observation import rows_of
+from bike_policy.riders.instruments import SENSORS, CommandQueue, Instruments
 from bike_policy.riders.rider import Rider
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
@@ -21,9 +25,6 @@ from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
-
-_SENSORS: Final = 1
-"""Branch of the draws."""
 
 
 class DisturbedRider:
@@ -46,15 +47,16 @@ class DisturbedRider:
         """Prepare the rider; see `Rider`.
 
         Raises:
-            ValueError: a delay that is not a whole number of control periods, or errors of sensors on a superbike.
+            ValueError: a delay or a time between fixes that is not a whole number of control periods, or errors of
+                sensors that the vehicle does not have.
         """
-        check_sensors(self._disturbances, vehicle)
-        self.rider.begin(vehicle, course, period, preview)
         known = self._disturbances
+        known.check_sensors(vehicle)
         self._seen_late = known.periods(known.observation_delay_s, period)
-        self._acts_late = known.periods(known.command_delay_s, period)
+        self._instruments = Instruments([known], [vehicle], period) if isinstance(vehicle, Superbike) else None
+        self._queue = CommandQueue.of([known], period) if self._instruments is None else self._instruments.queue
+        self.rider.begin(vehicle, course, period, preview)
         self._seen: deque[Snapshot] = deque()
-        self._sent: deque[tuple[int, tuple[float, float]]] = deque([(-self._acts_late, (0.0, 0.0))])
         self._draws: np.random.Generator | None = None
         self._answered: tuple[int, tuple[float, float] | None] | None = None
 
@@ -65,37 +67,58 @@ class DisturbedRider:
         """
         if self._answered is not None and self._answered[0] == snapshot.step:
             return self._answered[1]
+        missed = 0 if self._answered is None else snapshot.step - self._answered[0] - 1
+        if self._instruments is None:
+            answer = self._seen_by_bicyclist(snapshot, missed)
+        else:
+            answer = self._shown_by(self._instruments, snapshot, missed)
+        arrived = self._queue.hold() if answer is None else self._queue.send(np.array([answer]))
+        acting = None if answer is None else (float(arrived[0, 0]), float(arrived[0, 1]))
+        self._answered = snapshot.step, acting
+        return acting
+
+    def _seen_by_bicyclist(self, snapshot: Snapshot, missed: int) -> tuple[float, float] | None:
+        """Return the answer to what the rider of a bicycle sees now, after control periods that were missed."""
+        for _ in range(missed):
+            self._queue.hold()
         self._seen.append(measured(snapshot, self._errors(snapshot)))
         while len(self._seen) > 1 and self._seen[1].step <= snapshot.step - self._seen_late:
             self._seen.popleft()
-        answer = self.rider.command(self._seen[0])
-        if answer is not None:
-            self._sent.append((snapshot.step, answer))
-        while len(self._sent) > 1 and self._sent[1][0] <= snapshot.step - self._acts_late:
-            self._sent.popleft()
-        acting = None if answer is None else self._sent[0][1]
-        self._answered = snapshot.step, acting
-        return acting
+        return self.rider.command(self._seen[0])
+
+    def _shown_by(self, instruments: Instruments, snapshot: Snapshot, missed: int) -> tuple[float, float] | None:
+        """Return the answer to what a superbike's instruments show now, after control periods that were missed."""
+        rows = rows_of(snapshot)
+        if self._answered is None:
+            instruments.begin(0, rows)
+        for _ in range(missed):
+            instruments.miss()
+        shown = instruments.shown(rows)
+        instruments.go_on()
+        if shown is rows:
+            return self.rider.command(snapshot)
+        circuit = snapshot.circuit
+        if circuit is not None:
+            circuit = replace(circuit, limits=shown.circuit[0], points=shown.points[0])
+        seen = replace(
+            snapshot,
+            state=shown.state[0],
+            look=shown.look[0],
+            preview_y=shown.preview_y[0],
+            signals=shown.signals[0],
+            circuit=circuit,
+        )
+        return self.rider.command(seen)
 
     def _errors(self, snapshot: Snapshot) -> FloatArray:
         """Return the errors of the sensors at a snapshot; those of steps that were missed are drawn and passed over."""
         if self._draws is None:
-            self._draws = self._disturbances.generator(snapshot.state, _SENSORS)
+            self._draws = self._disturbances.generator(snapshot.state, SENSORS)
             self._drawn = snapshot.step - 1
         drawn = self._draws.standard_normal((max(snapshot.step - self._drawn, 1), len(CHANNELS)))
         self._drawn = snapshot.step
         errors: FloatArray = self._bias + self._noise * drawn[-1]
         return errors
-
-
-def check_sensors(disturbances: Disturbances, vehicle: Vehicle) -> None:
-    """Refuse errors of sensors on a superbike: `measured` does not know what its riders see.
-
-    Raises:
-        ValueError: naming the disturbances.
-    """
-    if isinstance(vehicle, Superbike) and disturbances.acts_on_sensors:
-        raise ValueError(f"disturbances {disturbances.name!r} have errors of sensors, which are a bicycle's")
 
 
 def measured(snapshot: Snapshot, errors: FloatArray) -> Snapshot:

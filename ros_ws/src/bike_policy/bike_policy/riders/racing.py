@@ -36,6 +36,7 @@ from bike_policy.planning import line_law as ll
 from bike_policy.planning.grip import FIRST_ERROR, AdaptiveLaw, GripMemory
 from bike_policy.planning.lap_plan import GUIDE, LinePlan, Planner, references_of
 from bike_policy.planning.plan_verification import Rollouts, verified_margin, verified_plan
+from bike_policy.planning.ride_observer import RideObserver
 from bike_policy.riders.rider import LearnedRider
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike.statics import engine_force
@@ -75,6 +76,7 @@ class RaceInterface:
     Attributes:
         memory: of the rides.
         references: followed lines of the machines.
+        observer: of what is measured; observations and commands are made of what it shows.
     """
 
     def __init__(
@@ -110,6 +112,7 @@ class RaceInterface:
         self._planned = references_of(vehicle, adaptive)
         self._grip = GripMemory(vehicle, period, count) if adaptive else None
         self._guide = AdaptiveLaw(vehicle, period, GUIDE, count, plan) if action.guided else None
+        self.observer = RideObserver(vehicle, period, count) if self._guide is None else self._guide.observer
         self.references = ReferenceRows(count, adaptive)
         self.memory = RideMemory(
             rolls=np.zeros((count, layout.history)),
@@ -120,6 +123,11 @@ class RaceInterface:
             grip=np.ones((count, 3)),
             references=self.references,
         )
+
+    @property
+    def grip_memory(self) -> GripMemory | None:
+        """What is known of the grip; None where neither policy nor guide infers it."""
+        return self._grip if self._guide is None else self._guide.memory
 
     def prepare(self, line: Course) -> None:
         """Plan a lap, before the first ride that needs it.
@@ -144,7 +152,9 @@ class RaceInterface:
         Raises:
             ValueError: the line is open.
         """
-        if self._guide is not None:
+        if self._guide is None:
+            self.observer.begin(row, line)
+        else:
             self._guide.begin(row, rows, line)
         if self._grip is not None:
             self._grip.begin(row, line)
@@ -157,7 +167,7 @@ class RaceInterface:
         """Return the observations, shape (n, layout size)."""
         if self._guide is not None:
             self.memory.guide[:] = self._guide.law.memory[:, [ll.STEERING, ll.THROTTLE, ll.OFFSET, ll.PACE]]
-        return self._layout.observe(rows, self.memory)
+        return self._layout.observe(self.observer.observe(rows), self.memory)
 
     def act(self, rows: VehicleRows, actions: NDArray[np.floating]) -> None:
         """Hold actions from now on.
@@ -166,7 +176,7 @@ class RaceInterface:
             rows: that were observed.
             actions: in [-1, 1], shape (n, 2).
         """
-        memory = self.memory
+        memory, rows = self.memory, self.observer.observe(rows)
         memory.rolls[:, 1:] = memory.rolls[:, :-1].copy()
         memory.rolls[:, 0] = rows.state[:, ROLL]
         memory.steers[:] = rows.state[:, STEER]
@@ -177,9 +187,10 @@ class RaceInterface:
         """Return what the actions become in a control period: steering and throttle in [-1, 1], shape (n, 2)."""
         actions = self.memory.actions[:, 0]
         if self._grip is not None:
-            self._grip.update(rows)
+            self._grip.update(self.observer.observe(rows), self.observer.estimates)
             self._show_grip(self._grip)
         if self._guide is None:
+            self.observer.observe(rows)
             return self._action.to_commands(actions, self._max_steer, rows.look[:, SPEED])
         targets = self._action.to_targets(actions)
         # What the targets change is the speed that is asked.
@@ -188,7 +199,7 @@ class RaceInterface:
 
     def state_dict(self) -> dict[str, Any]:
         """Return the memory, as arrays."""
-        law = {} if self._guide is None else self._guide.state_dict()
+        law = {"observer": self.observer.state_dict()} if self._guide is None else self._guide.state_dict()
         inferred = {} if self._grip is None else {"inferred": self._grip.state_dict()}
         return {name: getattr(self.memory, name).copy() for name in _STORED} | law | inferred
 
@@ -196,7 +207,9 @@ class RaceInterface:
         """Continue from what :meth:`state_dict` returned, after each row has begun again."""
         for name in _STORED:
             getattr(self.memory, name)[...] = stored[name]
-        if self._guide is not None:
+        if self._guide is None:
+            self.observer.restore(stored["observer"])
+        else:
             self._guide.restore(stored)
         if self._grip is not None:
             self._grip.restore(stored["inferred"])
@@ -306,6 +319,11 @@ class RacingRider(LearnedRider):
         self._decided = number
         steering, throttle = self._interface.commands(rows)[0].tolist()
         return (steering, throttle) if math.isfinite(steering + throttle) else None
+
+    @property
+    def grip_memory(self) -> GripMemory | None:
+        """What is known of the grip; None before the first ride, and where the policy infers none."""
+        return None if self._interface is None else self._interface.grip_memory
 
     def _decide(self, interface: RaceInterface, snapshot: Snapshot, rows: Rows) -> bool:
         """Decide anew, where the observation is finite."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import import_module
-from typing import Final, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,12 +96,43 @@ def make_rider(name: str) -> Rider:
     return rider if rider.preview is None else ObservedRider(rider)
 
 
+class GripEstimate(NamedTuple):
+    """Grip of the road that a rider infers, as factors on the friction of the known tyres.
+
+    Attributes:
+        grip: here.
+        expected: that is planned for, here and shortly ahead.
+        deviation: standard deviation of the error of `grip`.
+    """
+
+    grip: float
+    expected: float
+    deviation: float
+
+
+def grip_of(rider: Rider) -> GripEstimate | None:
+    """Return the grip that a rider infers, also one that is observed or disturbed; None where it infers none."""
+    memory = getattr(_innermost(rider), "grip_memory", None)
+    if memory is None:
+        return None
+    return GripEstimate(float(memory.grip[0]), float(memory.expected[0]), float(memory.variance[0]) ** 0.5)
+
+
 def bundle_of(rider: Rider) -> Bundle | None:
     """Return the policy of a learned rider, also of one that is observed or disturbed; None where it is not learned."""
-    inner = rider
-    while hasattr(inner, "rider"):
-        inner = inner.rider
-    return getattr(inner, "bundle", None)
+    return getattr(_innermost(rider), "bundle", None)
+
+
+def infers_grip(rider: Rider) -> bool:
+    """Whether a rider may infer the grip of the road, before it rides."""
+    return hasattr(_innermost(rider), "grip_memory")
+
+
+def _innermost(rider: Any) -> Any:
+    """Return the rider that answers, without what observes or disturbs it."""
+    while hasattr(rider, "rider"):
+        rider = rider.rider
+    return rider
 
 
 class DefaultRider:

@@ -143,6 +143,7 @@ class RoadSurface:
         run_off: parts that are not like the rest, which is grass, and grass and gravel where it is wide.
         wind: over all of it.
         walls: behind it.
+        drift: change of the factor on friction in each lap, evenly along it, from the start line of the first lap on.
     """
 
     bank: FloatArray | None = None
@@ -152,6 +153,7 @@ class RoadSurface:
     run_off: tuple[RunOffPart, ...] = ()
     wind: Wind = field(default_factory=Wind)
     walls: Walls = field(default_factory=Walls)
+    drift: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse a density that no road has."""

@@ -18,7 +18,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from bike_msgs.msg import Course as CourseMessage
-from bike_msgs.msg import CoursePoints, EpisodeStart, LeanHistory, RideEvent, Telemetry
+from bike_msgs.msg import CoursePoints, EpisodeStart, GripEstimate, LeanHistory, RideEvent, Telemetry
 from bike_msgs.srv import Reset
 from geometry_msgs.msg import Point
 from numpy.typing import NDArray
@@ -412,6 +412,20 @@ def _limit(snapshot: Snapshot, course: Course, offset: FloatArray) -> list[Point
 
 
 # ---------------------------------------------------------------------------------------------------------- history
+
+
+def grip_to_message(estimate: tuple[float, float, float], snapshot: Snapshot, stamp: int) -> GripEstimate:
+    """Return a message of the grip that a rider infers.
+
+    Args:
+        estimate: grip here, grip expected, and standard deviation of the error.
+        snapshot: that it is inferred from.
+        stamp: simulated time of the snapshot, ns.
+    """
+    message = GripEstimate()
+    _stamp_message(message, snapshot, stamp, FOOTPRINT_FRAME)
+    message.grip, message.expected, message.deviation = estimate
+    return message
 
 
 def lean_history_to_message(snapshot: Snapshot, stamp: int, period: int) -> LeanHistory:

@@ -39,6 +39,7 @@ TOPICS: Final = {
     "course": Topic(ours.Course, tools.LATCHED_QOS),
     "disturbances": Topic(String, tools.LATCHED_QOS),
     "events": Topic(ours.RideEvent, tools.EVENT_QOS),
+    "grip": Topic(ours.GripEstimate),
     "course_points": Topic(ours.CoursePoints),
     "lean_history": Topic(ours.LeanHistory),
     "telemetry": Topic(ours.Telemetry),

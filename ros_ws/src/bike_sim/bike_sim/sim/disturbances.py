@@ -2,8 +2,9 @@
 
 A file says what disturbs; a ride draws how. The draws depend on the file's seed and on the first state of the ride, so
 the same ride is disturbed in the same way wherever it is ridden. Forces, drive and parameters act on the vehicle
-(`bike_sim.sim.plant`), sensors and delays lie between it and its rider (`bike_policy.riders.disturbed`). A superbike
-has no wind and no pushes of its own, but the road under it may differ from the circuit that its rider knows.
+(`bike_sim.sim.plant`), sensors and delays lie between it and its rider (`bike_policy.riders.disturbed`, and for
+superbikes `bike_policy.riders.instruments`). A superbike has no wind and no pushes of its own, but the road under it
+may differ from the circuit that its rider knows.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from bike_sim.course.road import Wind as CircuitWind
 from bike_sim.documents import MAX_YAML_SIZE, DocumentError, alternatives, check_text, parse_yaml, read_text, show
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.parameters import number, positive, signed
+from bike_sim.vehicles.superbike import Superbike
 
 VehicleT = TypeVar("VehicleT", bound=Vehicle)
 
@@ -32,6 +34,18 @@ FORMAT: Final = "bike.disturbances/1"
 
 CHANNELS: Final = ("roll", "steer", "roll_rate", "steer_rate", "lateral", "heading", "speed")
 """Measured quantities: rad, rad/s, m, rad, m/s; signs of the state."""
+
+MACHINE_CHANNELS: Final = (
+    *CHANNELS, "progress", "yaw_rate", "acceleration_long", "acceleration_lat", "wheel_speed",
+)  # fmt: skip
+"""Measured quantities of a superbike: those, then m, rad/s, m/s^2 (both) and the front wheel's m/s."""
+
+TYRE_SIGNALS: Final = (
+    *(f"{wheel}_{name}" for wheel in ("rear", "front") for name in ("load", "slip", "slip_angle", "camber", "use")),
+    *(f"{wheel}_force_{axis}" for wheel in ("rear", "front") for axis in ("long", "lat")),
+    *("lateral_velocity", "vertical_velocity"),
+)
+"""Signals of a superbike that nothing on a machine measures."""
 
 SHIPPED: Final = resources.files("bike_sim") / "config" / "disturbances"
 """Folder of the files that come with the package."""
@@ -73,6 +87,7 @@ class RoadChanges:
         wind_towards_deg: where it blows to, from the map's x axis to the left, deg.
         wind_gusts: standard deviation over the mean.
         seed: of the gusts.
+        drift_per_lap: change of the factor in each lap, evenly along it; 0 at the start line of the first lap.
     """
 
     grip: float = 1.0
@@ -82,6 +97,7 @@ class RoadChanges:
     wind_towards_deg: float = 0.0
     wind_gusts: float = 0.0
     seed: int = 0
+    drift_per_lap: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse what no road has.
@@ -95,6 +111,8 @@ class RoadChanges:
         for patch in self.patches:
             if not (0.0 <= patch[0] < math.inf and 0.0 <= patch[1] < math.inf):
                 raise ValueError(f"disturbances: road: a patch must lie on the lap, got {patch!r}")
+        if not abs(self.drift_per_lap) <= 0.5:
+            raise ValueError(f"disturbances: road: drift_per_lap must lie in [-0.5, 0.5], got {self.drift_per_lap!r}")
         self.surface(RoadSurface())
 
     def surface(self, known: RoadSurface) -> RoadSurface:
@@ -109,6 +127,7 @@ class RoadChanges:
             known,
             wet=(*known.wet, *wet),
             bumps=max(known.bumps, self.bumps_m3),
+            drift=self.drift_per_lap,
             wind=wind if self.wind_m_s > 0.0 else known.wind,
         )
 
@@ -130,6 +149,11 @@ class Disturbances:
         bias: constant error of each measurement, by channel.
         observation_delay_s: age of what the rider sees, s; whole control periods.
         command_delay_s: time until its command acts, s; whole control periods.
+        command_rate: largest change of steering and throttle, 1/s.
+        position_hz: fixes of a superbike's position in a second; between them lateral and heading error, progress and
+            all that is shown of the course are those of the last one.
+        tyres_hidden: whether slips, loads, cambers and forces of a superbike's tyres and the velocity
+            of its body (`TYRE_SIGNALS`) are hidden from its rider, who estimates them from what is measured.
         drive_torque_nm: largest torque of the steering drive, Nm.
         vehicle: factors of the vehicle's parameters by name, those of a superbike's sections as ``section.name``; the
             rider knows the parameters without them.
@@ -144,6 +168,9 @@ class Disturbances:
     bias: Mapping[str, float] = field(default_factory=dict)
     observation_delay_s: float = field(default=0.0, metadata=number("s", "whole control periods"))
     command_delay_s: float = field(default=0.0, metadata=number("s", "whole control periods"))
+    command_rate: float = field(default=math.inf, metadata=positive("1/s", "largest"))
+    position_hz: float = field(default=math.inf, metadata=positive("1/s", "whole control periods apart"))
+    tyres_hidden: bool = False
     drive_torque_nm: float = field(default=math.inf, metadata=positive("Nm", "largest"))
     vehicle: Mapping[str, float] = field(default_factory=dict)
     road: RoadChanges = NO_CHANGES
@@ -159,8 +186,9 @@ class Disturbances:
             known = [(spec.name, spec.metadata) for spec in fields(record) if spec.metadata]
             checked += [(f"{of}{name}", getattr(record, name), bounds) for name, bounds in known]
         for what, values, bounds in (("noise", self.noise, number("", "")), ("bias", self.bias, signed("", ""))):
-            if unknown := sorted(set(values) - set(CHANNELS)):
-                raise ValueError(f"disturbances: {what} of unknown channels {unknown}; there are {', '.join(CHANNELS)}")
+            if unknown := sorted(set(values) - set(MACHINE_CHANNELS)):
+                known_ones = ", ".join(MACHINE_CHANNELS)
+                raise ValueError(f"disturbances: {what} of unknown channels {unknown}; there are {known_ones}")
             checked += [(f"{what} of {name}", value, bounds) for name, value in values.items()]
         checked += [(f"vehicle {name}", value, positive("", "")) for name, value in self.vehicle.items()]
         for name, value, bounds in checked:
@@ -185,7 +213,43 @@ class Disturbances:
     @property
     def acts_on_sensors(self) -> bool:
         """Whether what the rider sees has errors."""
-        return bool(self.noise or self.bias)
+        return bool(self.noise or self.bias or self.tyres_hidden) or math.isfinite(self.position_hz)
+
+    @property
+    def acts_between(self) -> bool:
+        """Whether anything lies between vehicle and rider."""
+        late = self.observation_delay_s or self.command_delay_s
+        return self.acts_on_sensors or bool(late) or math.isfinite(self.command_rate)
+
+    def errors(self, table: Mapping[str, float]) -> list[float]:
+        """Return the values of `noise` or `bias` in the order of MACHINE_CHANNELS."""
+        return [table.get(name, 0.0) for name in MACHINE_CHANNELS]
+
+    def check_sensors(self, vehicle: Vehicle) -> None:
+        """Refuse sensors that a bicycle does not have.
+
+        Raises:
+            ValueError: naming the disturbances and the sensor.
+        """
+        own = sorted({*self.noise, *self.bias} - set(CHANNELS))
+        own += ["position_hz"] if math.isfinite(self.position_hz) else []
+        own += ["tyres_hidden"] if self.tyres_hidden else []
+        if own and not isinstance(vehicle, Superbike):
+            raise ValueError(f"disturbances {self.name!r} have {own[0]}, which are a superbike's, not {vehicle.name!r}")
+
+    def fix_periods(self, period: float) -> int:
+        """Return the control periods from one fix of the position to the next.
+
+        Raises:
+            ValueError: not a whole number of them.
+        """
+        between = 1.0 / (self.position_hz * period) if math.isfinite(self.position_hz) else 1.0
+        if round(between) < 1 or abs(between - round(between)) > 1e-6:
+            raise ValueError(
+                f"disturbances {self.name!r}: position_hz of {self.position_hz!r} is not once in a whole number of "
+                f"control periods of {period!r} s"
+            )
+        return round(between)
 
     def periods(self, delay: float, period: float) -> int:
         """Return a delay in control periods.
@@ -285,11 +349,13 @@ def read_disturbances(text: str, name: str) -> Disturbances:
     for key in ("noise", "bias", "vehicle"):
         if key in values:
             values[key] = _numbers(values[key], f"disturbances: {key}")
-    plain = ("observation_delay_s", "command_delay_s", "drive_torque_nm")
+    plain = ("observation_delay_s", "command_delay_s", "command_rate", "position_hz", "drive_torque_nm")
     values.update(_numbers({key: values[key] for key in plain if key in values}, "disturbances"))
     unknown = sorted(map(str, set(values) - {spec.name for spec in fields(Disturbances)}))
     if unknown:
         raise DocumentError(f"disturbances: unknown entries {', '.join(map(show, unknown))}")
+    if not isinstance(values.get("tyres_hidden", False), bool):
+        raise DocumentError(f"disturbances: tyres_hidden must be true or false, got {show(values['tyres_hidden'])}")
     if not isinstance(values.get("seed", 0), int) or not isinstance(values["name"], str):
         raise DocumentError("disturbances: seed must be a whole number and name a text")
     return Disturbances(**values)

@@ -62,12 +62,13 @@ FACTS: Final = np.dtype(
         (name, np.float64)
         for name in (
             "spacing", "length", "bumps", "stretch", "wind_x", "wind_y", "gusts", "friction", "restitution", "hit",
+            "drift",
         )
     ]
 )  # fmt: skip
 """Distance of the samples of the centre line and its length, m; factor on the profile of bumps, and how far that goes
 on per m of the centre line; mean wind in the map, m/s, and the gusts' standard deviation over it; what walls do (see
-`bike_sim.course.road.Walls`)."""
+`bike_sim.course.road.Walls`); change of the grip in a lap."""
 
 GRASS_GRIP: Final = 0.22
 GRAVEL_GRIP: Final = 0.3
@@ -94,6 +95,8 @@ _CROSS_GUSTS: Final = 0.75
 
 EDGE: Final = 1.0
 """Width over which the bumps of the run-off begin, m, so that its edge is no step."""
+_LEAST_GRIP: Final = 0.1
+"""Factor on friction at which a drift ends."""
 _LEAST_SHARE: Final = 0.2
 """Least part of a metre of the centre line, for places near the centre of a curve."""
 
@@ -142,6 +145,7 @@ def road_of(track: Track, surface: RoadSurface | None = None) -> Road:
         "friction": surface.walls.friction,
         "restitution": surface.walls.restitution,
         "hit": surface.walls.hit,
+        "drift": surface.drift,
     }
     for name, value in values.items():
         facts[name] = value
@@ -218,6 +222,8 @@ def _lay_patch(x: float, y: float, progress: float, offset: float, road: Road, p
     patch.stretch = share * facts.stretch
     patch.arc = (progress % facts.length) * facts.stretch
     patch.grip, patch.drag, patch.bumps = _mix(here, there, part, GRIP), 0.0, facts.bumps
+    if facts.drift != 0.0:
+        patch.grip *= max(_LEAST_GRIP, 1.0 + facts.drift * progress / facts.length)
     if beyond > 0.0:
         kind = int(here[LEFT_KIND] if beyond_left > beyond_right else here[RIGHT_KIND])
         if kind == _MIXED:
