@@ -53,9 +53,9 @@ def cells(heading: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def with_telemetry(messages, folder: Path) -> Path:
-    """A few states with telemetry and signals; every number is its field's place in the message."""
-    for name in ("bike_msgs/msg/Telemetry", "bike_msgs/msg/BikeState", "bike_msgs/msg/EpisodeStart"):
-        messages.learn(name)
+    """A few states with telemetry, signals and inferred grip; numbers of telemetry are their fields' places."""
+    for name in ("Telemetry", "BikeState", "EpisodeStart", "GripEstimate"):
+        messages.learn(f"bike_msgs/msg/{name}")
     path = folder / "telemetry.mcap"
     values = {name: float(k) for k, name in enumerate(TELEMETRY.names)}
     flags = ("traction_control", "anti_wheelie", "brake_control", "anti_stoppie", *_LOST)
@@ -63,12 +63,19 @@ def with_telemetry(messages, folder: Path) -> Path:
         recorder.add_topic("/bike/state", "bike_msgs/msg/BikeState")
         recorder.add_topic("/bike/telemetry", "bike_msgs/msg/Telemetry")
         recorder.add_topic("/bike/episode", "bike_msgs/msg/EpisodeStart")
+        recorder.add_topic("/bike/grip", "bike_msgs/msg/GripEstimate")
+        recorder.add_topic("/bike/disturbances", "std_msgs/msg/String")
+        world = messages.make("std_msgs/msg/String", data=json.dumps(WORLD))
+        recorder.write("/bike/disturbances", messages.cdr("std_msgs/msg/String", world), round(1e9))
         episode = messages.make("bike_msgs/msg/EpisodeStart", signal_names=list(SIGNALS.columns))
         recorder.write("/bike/episode", messages.cdr("bike_msgs/msg/EpisodeStart", episode), round(1e9))
         for step in range(20):
             both = {"header": messages.header(1.0 + 0.02 * step), "episode": 1, "step": step}
             state = messages.make("bike_msgs/msg/BikeState", control_period=0.02, x=0.1 * step, speed=20.0, **both)
             state.signals = np.arange(float(len(SIGNALS)))
+            state.centre_place = np.array([10.0 * step, 0.0, 0.0, 0.0])
+            grip = messages.make("bike_msgs/msg/GripEstimate", grip=1.0 - 0.01 * step, **both)
+            recorder.write("/bike/grip", messages.cdr("bike_msgs/msg/GripEstimate", grip), round(1e9 + 2e7 * step))
             told = values | {name: step >= 15 for name in flags}
             told["rear_slip_angle"] = 0.01 * (step - 10)
             telemetry = messages.make("bike_msgs/msg/Telemetry", **both, **told)
@@ -80,6 +87,22 @@ def with_telemetry(messages, folder: Path) -> Path:
 
 
 _LOST = ("rear_contact_lost", "front_contact_lost")
+WORLD = {
+    "road": {"grip": 0.9, "patches": [[100.0, 120.0, 0.5]]},
+    "vehicle": {"front_tyre.friction": 0.8, "rear_tyre.friction": 1.0},
+}
+
+
+def test_inferred_and_true_grip_are_in_one_panel(with_telemetry: Path) -> None:
+    """The true one is that of the recorded disturbances: road, patches by place along the centre line, and tyres."""
+    view = ride_view(open_ride(with_telemetry).rides[0], "ride", "ride")
+    (panel,) = (panel for panel in view.panels if panel["key"] == "road_grip")
+    assert [line["column"] for line in panel["lines"]] == ["true_grip", "inferred_grip"]
+    columns = view.series[0].columns
+    np.testing.assert_allclose(columns["inferred_grip"], 100.0 - np.arange(20.0))
+    expected = np.full(20, 81.0)
+    expected[[10, 11]] = 40.5
+    np.testing.assert_allclose(columns["true_grip"], expected)
 
 
 def test_its_columns_are_those_of_the_table(with_telemetry: Path) -> None:

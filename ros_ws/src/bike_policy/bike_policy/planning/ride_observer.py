@@ -169,10 +169,11 @@ class RideObserver:
         _observe(seen, rows.state[:, _REAR_WHEEL].copy(), memory, self._period, self._lags, tables, self.rates)
         self.delays = self._period * memory["delay"]
         self.estimates = np.isnan(rows.signals[:, _REAR_LOAD])
-        found = (memory["lateral_found"] + memory["roll_found"] > 0) | (memory["fixes"] > 1)
-        if not (found.any() or self.estimates.any()):
+        old = memory["fixes"] > 1
+        unsure = (memory["lateral_found"] > 0) | old
+        if not (unsure.any() or memory["roll_found"].any() or self.estimates.any()):
             return rows
-        shown = self._shown(rows, found)
+        shown = self._shown(rows, unsure, old)
         if self.estimates.any():
             estimated = np.where(self.estimates[:, None], 0.0, rows.signals)
             estimated[:, _KNOWN] = rows.signals[:, _KNOWN]
@@ -199,18 +200,17 @@ class RideObserver:
         self.rates[...] = stored["rates"]
         self.delays = self._period * self.memory["delay"]
 
-    def _shown(self, rows: VehicleRows, found: NDArray[np.bool_]) -> Rows:
-        """Return rows with what was estimated where something was found."""
+    def _shown(self, rows: VehicleRows, unsure: NDArray[np.bool_], old: NDArray[np.bool_]) -> Rows:
+        """Return rows with estimates of the roll and, where the position is unsure or old, of that."""
         memory, state, look, circuit = self.memory, rows.state.copy(), rows.look.copy(), rows.circuit.copy()
-        sure = found & (memory["roll_found"] > 0)
-        state[sure, _ROLL_STATE] = memory["roll"][sure]
+        leaning = memory["roll_found"] > 0
+        state[leaning, _ROLL_STATE] = memory["roll"][leaning]
         for column, name in zip(_SHOWN, ("progress", "lateral", "heading"), strict=True):
-            look[found, column] = memory[name][found]
+            look[unsure, column] = memory[name][unsure]
         moved = look[:, _SHOWN[1]] - rows.look[:, _SHOWN[1]]
         circuit[:, _LEFT] -= moved[:, None]
         circuit[:, _RIGHT] += moved[:, None]
         points, preview = rows.points, rows.preview_y
-        old = memory["fixes"] > 1
         if old.any():
             points, preview = points.copy(), preview.copy()
             lines = self._lines
