@@ -35,10 +35,6 @@ FloatArray = NDArray[np.float64]
 
 WANDERING: Final = 0.02**2
 """Variance by which the grip may change in 100 m."""
-FORCE_ERROR: Final = 0.01
-"""Standard deviation of the force that the tyre law predicts, by the weight."""
-ESTIMATE_ERROR: Final = 0.06
-"""The same where slips and loads are estimates."""
 LEAST_FORCE: Final = 0.3
 """Force by weight below which nothing is inferred."""
 FIRST_ERROR: Final = 0.1
@@ -100,12 +96,12 @@ class GripMemory:
         self.grip[row], self.variance[row], self.expected[row] = 1.0, FIRST_ERROR**2, 1.0
         self._lap[row], self._part[row], self._parts[row], self._state[row] = np.inf, -1, parts, np.nan
 
-    def update(self, rows: VehicleRows, estimates: NDArray[np.bool_]) -> FloatArray:
+    def update(self, rows: VehicleRows, errors: FloatArray) -> FloatArray:
         """Take in a control period and return the expected grip, shape (n,); the same again for the same rows.
 
         Args:
             rows: as the rider sees them.
-            estimates: where slips and loads are estimates, shape (n,).
+            errors: standard deviation of the force that the tyre law predicts, by the weight, shape (n,).
         """
         seen = np.nan_to_num(rows.look[:, [PROGRESS, SPEED]])
         fresh = (rows.state != self._state).any(axis=1)
@@ -113,7 +109,6 @@ class GripMemory:
         wander = np.where(fresh, WANDERING * np.abs(seen[:, 1]) * self._period / 100.0, 0.0)
         np.minimum(self.variance + wander, FIRST_ERROR**2, out=self.variance)
         signals = np.nan_to_num(rows.signals)[:, _COLUMNS]
-        errors = np.where(estimates, ESTIMATE_ERROR, FORCE_ERROR)
         _update(signals, fresh, self.grip, self.variance, errors, self._weight, *self._tyres)
         self.expected = self.ahead(seen[:, 0])
         return self.expected
@@ -243,7 +238,7 @@ class AdaptiveLaw:
         """
         rows = self.observer.observe(rows)
         seen = np.nan_to_num(seen_of(rows.state, rows.look))
-        expected = self.memory.update(rows, self.observer.estimates)
+        expected = self.memory.update(rows, self.observer.force_errors)
         expected = np.where(expected < 1.0 - 0.5 * LEVEL, expected - RESERVE, expected)
         level = np.clip(np.round(expected / LEVEL) * LEVEL, GRIPS[-1], 1.0)
         for row in np.flatnonzero(level != self._level).tolist():

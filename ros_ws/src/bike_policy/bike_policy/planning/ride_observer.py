@@ -52,8 +52,15 @@ KEPT_NOISE: Final = 0.5
 """Part of these from which noise that was found is noise no more."""
 FIX_NOISE: Final = 0.01
 """Least noise of a position that comes in fixes, m."""
-ACCELERATION_ERROR: Final = 2.5
-"""Standard deviation of the lateral acceleration as the filter takes it, m/s^2: side slip changes it."""
+ACCELERATION_ERROR: Final = 0.8
+"""Standard deviation of the lateral acceleration as the filter takes it, m/s^2: of the model 0.1, the rest of
+sensors and of what moves the machine besides."""
+FORCE_ERROR: Final = 0.01
+"""Standard deviation of the force that the tyre law predicts, by the weight."""
+ESTIMATE_ERROR: Final = 0.06
+"""The same where slips and loads are estimates, for an exact rate of the lateral error."""
+CORNERING: Final = 15.0
+"""Force of a tyre by load and slip angle, 1/rad, with which an error of that rate counts."""
 MOST_DELAY: Final = 8
 """Control periods."""
 FORGET: Final = 0.98
@@ -131,7 +138,8 @@ class RideObserver:
     Attributes:
         rates: estimated rate of each lateral error, m/s; NaN where what was measured is shown, shape (n,).
         delays: by which commands act late, s, shape (n,).
-        estimates: where slips and loads are estimates, shape (n,).
+        force_errors: standard deviation of the force that the tyre law predicts by what is shown, by the weight, shape
+            (n,): larger where slips and loads are estimates.
     """
 
     def __init__(self, vehicle: Superbike, period: float, count: int = 1) -> None:
@@ -144,7 +152,8 @@ class RideObserver:
         """
         self._period = period
         self._machine, self._above = vehicle.machine, vehicle.frame.height - vehicle.rear_tyre.crown
-        self._lines, self.estimates = LineTables(count, (0.0, 0.0)), np.zeros(count, dtype=np.bool_)
+        self._lines, self.force_errors = LineTables(count, (0.0, 0.0)), np.full(count, FORCE_ERROR)
+        self._centre = vehicle.com_x, vehicle.com_height
         self._line = lru_cache(maxsize=KEPT)(
             lambda line: _Line(float(line.s[1]), np.stack((line.curvature, line.crest), axis=1))
         )
@@ -166,19 +175,24 @@ class RideObserver:
         seen[:, _SIDEWAYS:] = rows.signals[:, _SIGNAL_COLUMNS]
         lines, memory = self._lines, self.memory
         tables = lines.samples, lines.offset, lines.last, lines.spacing
-        _observe(seen, rows.state[:, _REAR_WHEEL].copy(), memory, self._period, self._lags, tables, self.rates)
+        _observe(
+            seen, rows.state[:, _REAR_WHEEL].copy(), memory, self._period, self._lags, self._centre, tables, self.rates
+        )
         self.delays = self._period * memory["delay"]
-        self.estimates = np.isnan(rows.signals[:, _REAR_LOAD])
+        hidden = np.isnan(rows.signals[:, _REAR_LOAD])
+        slip = CORNERING * np.sqrt(memory["rate_variance"]) / np.maximum(rows.look[:, _SPEED_SHOWN], 1.0)
+        self.force_errors = np.where(hidden, np.sqrt(ESTIMATE_ERROR**2 + slip**2), FORCE_ERROR)
         old = memory["fixes"] > 1
         unsure = (memory["lateral_found"] > 0) | old
-        if not (unsure.any() or memory["roll_found"].any() or self.estimates.any()):
+        if not (unsure.any() or memory["roll_found"].any() or hidden.any()):
             return rows
         shown = self._shown(rows, unsure, old)
-        if self.estimates.any():
-            estimated = np.where(self.estimates[:, None], 0.0, rows.signals)
+        if hidden.any():
+            estimated = np.where(hidden[:, None], 0.0, rows.signals)
             estimated[:, _KNOWN] = rows.signals[:, _KNOWN]
-            rows_of_it = np.flatnonzero(self.estimates)
-            _estimate(rows_of_it, shown.state, shown.look, estimated, memory, tables, self._machine, self._above)
+            _estimate(
+                np.flatnonzero(hidden), shown.state, shown.look, estimated, memory, tables, self._machine, self._above
+            )
             shown = shown._replace(signals=estimated)
         return shown
 
@@ -243,8 +257,8 @@ def _curvature(tables: _Tables, row: int, s: float, column: int = 0) -> float:
 
 @njit(cache=True)
 def _observe(
-    seen: FloatArray, wheels: FloatArray, memory: Record, period: float, lags: tuple[float, float], tables: _Tables,
-    rates: FloatArray,
+    seen: FloatArray, wheels: FloatArray, memory: Record, period: float, lags: tuple[float, float],
+    centre: tuple[float, float], tables: _Tables, rates: FloatArray,
 ) -> None:  # fmt: skip
     for row in range(len(seen)):
         ride, now = memory[row], seen[row]
@@ -259,7 +273,7 @@ def _observe(
                 same = same and ride.seen[column] == now[column]
             if same:
                 continue
-            elapsed = _follow(ride, now, period, tables, row)
+            elapsed = _follow(ride, now, period, centre, tables, row)
             ride.wheel_rate = (wheels[row] - ride.wheel_angle) / elapsed
             if elapsed == period:
                 _judge_delay(ride, now, math.exp(-period / lags[0]), math.exp(-period / lags[1]))
@@ -282,8 +296,14 @@ def _begin(ride: Record, now: FloatArray) -> None:
 
 
 @njit(cache=True)
-def _follow(ride: Record, now: FloatArray, period: float, tables: _Tables, row: int) -> float:
-    """Go on to a later instant, take in what is measured there, and return the time in between, s."""
+def _follow(
+    ride: Record, now: FloatArray, period: float, centre: tuple[float, float], tables: _Tables, row: int
+) -> float:
+    """Go on to a later instant, take in what is measured there, and return the time in between, s.
+
+    The centre of mass, whose acceleration is measured, lies ahead of the rear contact and above it (m): what yaw and
+    roll rates change turns it about that.
+    """
     before = ride.seen
     held = now[_LATERAL] == before[_LATERAL] and now[_PROGRESS] == before[_PROGRESS] and now[_SPEED] > 2.0
     elapsed = period
@@ -295,8 +315,10 @@ def _follow(ride: Record, now: FloatArray, period: float, tables: _Tables, row: 
     curvature = _curvature(tables, row, ride.progress)
     _reckon(ride, speed, yaw_rate, curvature, elapsed)
     sideways = 0.5 * (before[_SIDEWAYS] + now[_SIDEWAYS]) - curvature * speed * speed
-    ride.lateral += elapsed * (ride.rate + 0.5 * elapsed * sideways)
-    ride.rate += elapsed * sideways
+    turning = centre[1] * math.cos(ride.roll) * (now[_ROLL_RATE] - before[_ROLL_RATE])
+    turning -= centre[0] * (now[_YAW_RATE] - before[_YAW_RATE])
+    ride.lateral += elapsed * (ride.rate + 0.5 * (elapsed * sideways + turning))
+    ride.rate += elapsed * sideways + turning
     error = ACCELERATION_ERROR**2
     ride.variance += elapsed * (2.0 * ride.covariance + elapsed * ride.rate_variance) + 0.25 * elapsed**4 * error
     ride.covariance += elapsed * ride.rate_variance + 0.5 * elapsed**3 * error

@@ -187,7 +187,7 @@ class RaceInterface:
         """Return what the actions become in a control period: steering and throttle in [-1, 1], shape (n, 2)."""
         actions = self.memory.actions[:, 0]
         if self._grip is not None:
-            self._grip.update(self.observer.observe(rows), self.observer.estimates)
+            self._grip.update(self.observer.observe(rows), self.observer.force_errors)
             self._show_grip(self._grip)
         if self._guide is None:
             self.observer.observe(rows)
