@@ -85,7 +85,7 @@ _SIGNAL_COLUMNS: Final = [SIGNALS.index(name) for name in ("acceleration_lat", "
 (_PROGRESS, _LATERAL, _HEADING, _SPEED, _YAW_RATE, _CURVATURE, _ROLL, _ROLL_RATE, _SIDEWAYS, _DRIVE_SHARE,
  _BRAKE_SHARE) = range(11)  # fmt: skip
 _SHOWN: Final = (LOOK.index("progress"), LOOK.index("lateral_error"), LOOK.index("heading_error"))
-_CURVATURE_SHOWN: Final = LOOK.index("curvature")
+_CURVATURE_SHOWN, _SPACING = map(LOOK.index, ("curvature", "preview_spacing"))
 _LEFT: Final = [LIMITS.index("rear_left_margin"), LIMITS.index("front_left_margin")]
 _RIGHT: Final = [LIMITS.index("rear_right_margin"), LIMITS.index("front_right_margin")]
 _ROLL_STATE, _RATE_STATE = map(STATE.index, ("roll", "roll_rate"))
@@ -235,9 +235,19 @@ class RideObserver:
                 cos, sin = math.cos(memory["turned"][row]), math.sin(memory["turned"][row])
                 x, y = points[row, :, :, 0] - ahead, points[row, :, :, 1] - aside
                 points[row, :, :, 0], points[row, :, :, 1] = cos * x + sin * y, cos * y - sin * x
+                passed = (look[row, _SHOWN[0]] - rows.look[row, _SHOWN[0]]) / max(look[row, _SPACING], 1e-3)
+                points[row] = _further(points[row], passed)
                 if preview.shape[1] == points.shape[2]:
                     preview[row] = points[row, 0, :, 1]
         return Rows(state, look, preview, rows.signals, circuit, points, rows.fallen)
+
+
+def _further(points: FloatArray, passed: float) -> FloatArray:
+    """Return stations of lines, shape (lines, stations, 3), a part of their distance further on; by parabolas."""
+    first = np.minimum(np.arange(points.shape[1]), points.shape[1] - 3)
+    u = (np.arange(points.shape[1]) - first + passed)[None, :, None]
+    near, middle, far = points[:, first], points[:, first + 1], points[:, first + 2]
+    return np.asarray(0.5 * (1.0 - u) * (2.0 - u) * near + u * (2.0 - u) * middle - 0.5 * u * (1.0 - u) * far)
 
 
 _Tables = tuple[FloatArray, NDArray[np.int64], NDArray[np.int64], FloatArray]
