@@ -56,6 +56,7 @@ def with_telemetry(messages, folder: Path) -> Path:
     """A few states with telemetry, signals and inferred grip; numbers of telemetry are their fields' places."""
     for name in ("Telemetry", "BikeState", "EpisodeStart", "GripEstimate"):
         messages.learn(f"bike_msgs/msg/{name}")
+    messages.learn("std_msgs/msg/String")
     path = folder / "telemetry.mcap"
     values = {name: float(k) for k, name in enumerate(TELEMETRY.names)}
     flags = ("traction_control", "anti_wheelie", "brake_control", "anti_stoppie", *_LOST)

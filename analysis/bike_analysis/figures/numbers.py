@@ -216,11 +216,10 @@ def true_grip(ride: Ride, rows: slice) -> Floats:
         road, tyres = document.get("road", {}), document.get("vehicle", {})
         factor = np.full(len(states), float(road.get("grip", 1.0)))
         factor *= np.mean([float(tyres.get(f"{wheel}_tyre.friction", 1.0)) for wheel in ("front", "rear")])
-        length = np.inf  # of a lap along the centre line, where one ends
+        place = progress
         if states.course_length[0] > 0.0 and np.nanmax(states.progress) >= states.course_length[0]:
-            length = float(np.interp(states.course_length[0], states.progress, progress))
-        laps = np.floor(progress / length)
-        place = np.where(laps == 0.0, progress, progress - np.nan_to_num(laps * length))
+            # A lap of the followed line ends where one of the centre line does.
+            place = progress % float(np.interp(states.course_length[0], states.progress, progress))
         for begin, end, grip in road.get("patches", []):
             factor[between(place, float(begin), float(end))] *= float(grip)
         factor *= 1.0 + float(road.get("drift_per_lap", 0.0)) * progress / max(states.course_length[0], 1.0)
