@@ -219,7 +219,6 @@ TABLES: Final[Mapping[str, Table]] = {
     "classical_pairs": Table(races),
     "guide_pairs": Table(races),
     "held_pairs": Table(races),
-    **dict.fromkeys(("classical_disturbed", "racer_disturbed", "generalist_disturbed", "spdl_disturbed"), Table(races)),
     "racer_random": Table(races, _circuits(100, 139)),
     "generalist_pairs": Table(races),
     "generalist_random": Table(races, _circuits(100, 199)),

@@ -211,6 +211,8 @@ class Drive(rclpy.node.Node):
         except (ValueError, FileNotFoundError) as error:
             self.get_logger().error(f"the policy does not fit the simulator: {error}")
             raise CannotGoOn(f"the policy does not fit the simulator: {error}") from error
+        if self._grips is None and infers_grip(self._rider):  # the default rider is chosen by the vehicle
+            self._grips = publisher(self, "grip")
         bundle = bundle_of(self._rider)
         warning = None if bundle is None else bundle.speed_warning(message.snapshot.speed)
         if warning is not None:
