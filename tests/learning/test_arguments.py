@@ -22,6 +22,7 @@ SUBJECTS = {
         dc.SUPERBIKE: ["r1", "--out", "never"],
         dc.RESUMED: ["--out", "never", "--resume"],
         dc.REFINEMENT: ["--out", "never", "--preset", "exact"],
+        dc.BEST_LAP: ["r1", "--out", "never", "--preset", "optimum"],
     },
     "evaluate": {dc.BICYCLE: ["whipple"], dc.SUPERBIKE: ["racer"], dc.CLASSICAL: ["classical"]},
     "analyze": {

@@ -25,7 +25,7 @@ _TABLE: Final[Mapping[str, Any]] = yaml.load(
 )
 BICYCLE, SUPERBIKE, NODES, ALL, ATTACHED, REFINEMENT, RESUMED, CLASSICAL = _TABLE["subjects"][:8]
 RECORDING, REPLAY, EXPLANATION, RUNS, SWEEP, CIRCUIT, TEMPLATE, PARAMETERS = _TABLE["subjects"][8:16]
-RUN, REFINED, LEARNING, WORK, DATA, POLICY, TOPIC = _TABLE["subjects"][16:]
+RUN, REFINED, LEARNING, WORK, DATA, POLICY, TOPIC, BEST_LAP = _TABLE["subjects"][16:]
 """Subjects of commands, as options name them; `WORK` is that of commands with one alone."""
 
 DEFAULT_RIDER: Final = "default"
@@ -36,6 +36,8 @@ ALL_SUPERBIKES: Final = "superbikes"
 """Stands for the five shipped superbikes."""
 EXACT: Final = "exact"
 """Preset that learns through the derivatives of the bicycle."""
+OPTIMUM: Final = "optimum"
+"""Preset that searches the best lap of a superbike."""
 LARGEST_DOMAIN: Final = 232
 """ROS domain with the largest ports that there are."""
 
@@ -161,10 +163,12 @@ def _rider_kind(name: str) -> str:
     """Return the kind of vehicle that a rider rides."""
     from bike_policy.contract.bundle import load_bundle
     from bike_policy.riders.classical import CLASSICAL as CLASSICAL_RIDER
-    from bike_policy.riders.rider import RIDERS
+    from bike_policy.riders.rider import LAP_SUFFIX, RIDERS
 
     if name in RIDERS:
-        return SUPERBIKE if name == CLASSICAL_RIDER else BICYCLE
+        return SUPERBIKE if name in (CLASSICAL_RIDER, OPTIMUM) else BICYCLE
+    if name.endswith(LAP_SUFFIX):
+        return SUPERBIKE
     return SUPERBIKE if load_bundle(name, RIDERS).layout.races else BICYCLE
 
 
@@ -207,7 +211,7 @@ def _ride_subject(args: Namespace) -> str:
         if args.nodes:
             raise ValueError("--nodes rides one machine on one circuit; leave --all out")
         return ALL
-    kind = _choose_vehicle(args, args.rider, args.beside if args.nodes else None)
+    kind = _choose_vehicle(args, args.rider, *(args.beside or () if args.nodes else ()))
     if args.nodes and kind == BICYCLE:
         raise ValueError(f"--nodes is for superbikes; {args.vehicle!r} is a bicycle, which always rides through nodes")
     return NODES if args.nodes else kind
@@ -220,6 +224,9 @@ def _train_subject(args: Namespace) -> str:
         if args.vehicle not in (None, DEFAULT_BICYCLE):
             raise ValueError(f"--preset {EXACT} refines riders of {DEFAULT_BICYCLE!r}, not of {args.vehicle!r}")
         return REFINEMENT
+    if args.preset == OPTIMUM:
+        args.vehicle = args.vehicle or DEFAULT_SUPERBIKE
+        return BEST_LAP
     return _choose_vehicle(args)
 
 
@@ -235,7 +242,7 @@ def _export_subject(args: Namespace) -> str:
 
 
 def _evaluate_subject(args: Namespace) -> str:
-    from bike_policy.riders.rider import RIDERS
+    from bike_policy.riders.rider import LAP_SUFFIX, RIDERS
 
     if args.compare and args.rider is not None:
         raise ValueError("--compare names all riders that are evaluated; leave out the other")
@@ -245,6 +252,8 @@ def _evaluate_subject(args: Namespace) -> str:
     kind = _choose_vehicle(args, *(riders if chosen or riders[0] is not None else [DEFAULT_BICYCLE]))
     if kind == BICYCLE:
         return BICYCLE
+    if args.rider and (args.rider == OPTIMUM or args.rider.endswith(LAP_SUFFIX)):
+        raise ValueError(f"{show(args.rider)} is one lap, ridden by `bike ride`; evaluated are riders from many starts")
     if not chosen:
         args.vehicle = None
     return CLASSICAL if args.rider in RIDERS else SUPERBIKE

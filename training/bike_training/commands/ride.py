@@ -158,25 +158,30 @@ def _through_nodes(args: argparse.Namespace) -> dict[str, Any]:
         return recording, wall
 
     recording, wall = ride("lap", args.rider)
-    other = ride("beside", args.beside)[0] if args.beside is not None else None
     figures = analyze_laps(recording, theory, args.out)
     figures |= {"wall_s": round(wall, 1), "recording": str(recording)}
-    if other is not None:
-        found = analyze_laps(other, theory)
-        for who, laps in ((args.rider, figures), (args.beside, found)):
+    riders = args.beside or ()
+    others = [ride(f"beside{number}" if number else "beside", rider)[0] for number, rider in enumerate(riders)]
+    if others:
+        found = [analyze_laps(other, theory) for other in others]
+        for who, laps in ((args.rider, figures), *zip(riders, found, strict=True)):
             if laps["lap_s"] is None:
                 raise ValueError(f"rider {who!r} finished no flying lap; there is nothing to compare")
-        gained = [theirs - own for own, theirs in zip(figures["sectors_s"], found["sectors_s"], strict=True)]
-        figures |= {"beside_lap_s": found["lap_s"], "sectors_gained_s": gained}
-        figures["comparison"] = analyze([recording, other], args.out)["page"]
+        gained = [
+            [theirs - own for own, theirs in zip(figures["sectors_s"], laps["sectors_s"], strict=True)]
+            for laps in found
+        ]
+        figures |= {"beside_laps_s": [laps["lap_s"] for laps in found], "sectors_gained_s": gained}
+        figures["comparison"] = analyze([recording, *others], args.out)["page"]
     excess = figures["excess"]
     clean = figures["falls"] == 0 and figures["walls"] == 0 and len(figures["laps_s"]) >= args.laps
     figures["ok"] = bool(clean and excess is not None and excess <= ALLOWED_EXCESS)
     if not args.json:
         for number, lap in enumerate(figures["laps_s"], start=2):  # the out-lap is lap 1, as in the events
             print(f"lap {number}: {lap_text(lap)}")
-        if other is not None:
-            print(f"best lap: {lap_text(figures['lap_s'])}, {args.beside}'s: {lap_text(figures['beside_lap_s'])}")
+        if others:
+            beside = zip(riders, map(lap_text, figures["beside_laps_s"]), strict=True)
+            print(f"best lap: {lap_text(figures['lap_s'])}" + "".join(f", {who}'s: {lap}" for who, lap in beside))
             print(f"where each is faster: {figures['comparison']}")
         print(f"theoretical lap: {lap_text(limit.lap_time)}")
         print(f"report: {figures['page']}")

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from bike_analysis.figures.numbers import lap_text
+from bike_policy.riders.optimum import OPTIMUM, BestLap, shipped_lap
+from bike_training.arguments import check_whole, make_folder
 from bike_training.commands.declarations import SUPERBIKE
+from bike_training.commands.evaluate import CIRCUIT
 from bike_training.learning.presets import GradientSettings
 from bike_training.learning.run_settings import (
     DEFAULT_PRESET,
@@ -122,3 +127,53 @@ def run_refinement(args: argparse.Namespace) -> dict[str, Any]:
         print(f"policy in {args.out / GRADIENT_POLICY}; evaluate it with: bike evaluate {args.out / GRADIENT_POLICY}")
     ok = best["swing_deg"] < 1.0 and best["spectral_radius"] < 1.0
     return {"schema": "bike.train_exact/1", "ok": ok, "figures": {**summary, "out": str(args.out)}}
+
+
+LAP_ROUNDS: Final = 40
+"""Rounds of a search of a best lap."""
+
+
+def run_lap_search(args: argparse.Namespace) -> dict[str, Any]:
+    """Search the best lap of a superbike on a circuit, or go on with a search; not ok where it could not be improved.
+
+    Raises:
+        ValueError: a wrong argument, or a folder with another search. FileNotFoundError: an unknown name.
+    """
+    from bike_training.rollout.optimum import LAP_FILE, LapSearch, Progress  # late: its kernels take seconds
+
+    rounds = LAP_ROUNDS if args.steps is None else args.steps
+    check_whole("--steps", rounds, 1)
+    seed = 0 if args.seed is None else args.seed
+    check_whole("--seed", seed, 0)
+    start = None
+    if args.start is not None:
+        shipped = shipped_lap(args.vehicle, args.course or CIRCUIT)
+        start = BestLap.read(shipped if args.start == OPTIMUM else Path(args.start))
+    make_folder("--out", args.out)
+    search = LapSearch(args.vehicle, args.course or CIRCUIT, seed)
+    try:
+        progress = search.stored(args.out) or search.first(start)
+        with progress_bar(f"{args.vehicle}, {args.course or CIRCUIT}", "round", rounds, quiet=args.json) as bar:
+            bar.update(len(progress.curve) - 1)
+
+            def report(found: Progress) -> None:
+                search.store(found, args.out)
+                bar.set_postfix_str(
+                    f"{lap_text(found.lap.lap_time)}, best {lap_text(found.best.lap_time)}", refresh=False
+                )
+                bar.update(len(found.curve) - 1 - bar.n)
+
+            search.store(progress, args.out)
+            search.improve(progress, rounds, report)
+    finally:
+        search.close()
+    first, best = progress.curve[0], progress.best.lap_time
+    figures = {
+        "vehicle": progress.best.vehicle, "circuit": progress.best.circuit, "seed": seed, "lap_s": best,
+        "theory_s": search.theory_s, "excess": best / search.theory_s - 1.0, "first_s": first.lap_time,
+        "curve": [point._asdict() for point in progress.curve], "out": str(args.out),
+    }  # fmt: skip
+    if not args.json:
+        print(f"best lap: {lap_text(best)}, {best / search.theory_s - 1.0:+.2%} over the theoretical one")
+        print(f"ride it with: bike ride --rider {args.out / LAP_FILE} --vehicle {args.vehicle} --course ...")
+    return {"schema": "bike.train_lap/1", "ok": best < first.lap_time, "figures": figures}

@@ -184,6 +184,14 @@ class LineLaw:
         self._lines.begin(row, plan)
         self.memory[row] = 0.0
 
+    def table(self, row: int) -> FloatArray:
+        """Return the plan that a ride follows, shape (samples, len(PLAN)); what is written to it is followed.
+
+        Rides that began with the same plan share it, and it holds until a ride begins with another one.
+        """
+        lines = self._lines
+        return lines.samples[lines.offset[row] : lines.offset[row] + lines.last[row] + 2]
+
     def change(self, row: int, plan: LinePlan, observed: FloatArray) -> None:
         """Go on with another plan of the same line; the difference of speed is made up for as that of a target.
 

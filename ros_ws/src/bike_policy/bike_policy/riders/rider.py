@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import import_module
+from pathlib import Path
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
@@ -52,11 +53,14 @@ RIDERS: Final[Mapping[str, tuple[str, str]]] = {
     "classical": ("bike_policy.riders.classical", "ClassicalRider"),
     "lqr": ("bike_policy.riders.lqr", "LqrRider"),
     "mpc": ("bike_policy.riders.mpc", "MpcRider"),
+    "optimum": ("bike_policy.riders.optimum", "OptimumRider"),
     "stanley": ("bike_policy.riders.stanley", "StanleyRider"),
 }
 """Riders that are not learned, by name: module and class. They are loaded when they are asked for, because plans and
 solvers take longer to load than all else that a learned rider needs."""
 
+LAP_SUFFIX: Final = ".csv"
+"""End of the name of a best lap's file."""
 OBSERVED: Final = ("lqr", "mpc")
 """Those of them that an observer helps (`bike_policy.riders.observer`); learned riders of bicycles are the others."""
 
@@ -78,16 +82,20 @@ def make_rider(name: str) -> Rider:
     """Return the rider of a name; on a bicycle with an observer, which changes no bit of a ride that is not disturbed.
 
     Args:
-        name: a key of RIDERS, a shipped bundle, the folder of one, or DEFAULT.
+        name: a key of RIDERS, a shipped bundle, the folder of one, the file of a best lap, or DEFAULT.
 
     Raises:
-        ValueError: a bundle that cannot be used.
-        FileNotFoundError: no such rider or bundle.
+        ValueError: a bundle or a lap that cannot be used.
+        FileNotFoundError: no such rider, bundle or lap.
     """
     from bike_policy.riders.observer import ObservedRider
 
     if name == DEFAULT:
         return DefaultRider()
+    if name.endswith(LAP_SUFFIX):
+        from bike_policy.riders.optimum import BestLap, OptimumRider
+
+        return OptimumRider(BestLap.read(Path(name)))
     if name in RIDERS:
         module, kind = RIDERS[name]
         rider: Rider = getattr(import_module(module), kind)()
