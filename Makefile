@@ -34,8 +34,8 @@ build: setup ## Build the colcon workspace, also when it is current
 ride: setup ## Ride the benchmark path with the shipped actor and write ride.mcap and a report
 	@$(BIN)/bike ride
 
-lap: setup ## Barcelona through the nodes: a learned rider, the classical one and the best lap found: out/lap/ride.html
-	@$(BIN)/bike ride --course barcelona --nodes --rider racer --beside classical optimum
+lap: setup ## Barcelona through the nodes: the default rider, the classical one and the best lap found: out/lap/ride.html
+	@$(BIN)/bike ride --course barcelona --nodes --beside classical optimum
 
 live: setup ## A ride in the browser: watch it, or ride yourself (V=panigale_v4r for a superbike)
 	@$(BIN)/bike live --vehicle $(or $(V),whipple)
