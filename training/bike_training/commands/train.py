@@ -24,6 +24,7 @@ from bike_training.progress import progress_bar
 
 if TYPE_CHECKING:
     from bike_training.learning.gradients import Comparison
+    from bike_training.learning.imitation import Imitation
     from bike_training.learning.process import LearningProcess
 
 # PyTorch and JAX are loaded late, after bad settings are refused: they take seconds.
@@ -43,7 +44,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             f"learns for {settings.preset.sac.steps:,} steps; --until-finished ends with the curriculum, after minutes"
         )
     with progress_bar("learning", "step", settings.expected_steps()) as bar:
-        summary = learn(settings, args.out, lambda process: _show(bar, process), args.resume)
+        rounds = settings.preset.sac.rounds
+
+        def show_round(imitation: Imitation) -> None:
+            bar.set_postfix_str(f"imitation {imitation.done} of {rounds}, {imitation.lost} rides lost", refresh=True)
+
+        summary = learn(settings, args.out, lambda process: _show(bar, process), args.resume, show_round)
     figures = summary | {"out": str(args.out)}
     if not args.json:
         _print(figures)

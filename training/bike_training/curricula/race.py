@@ -9,14 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.reference import KEPT
-from bike_sim.course.files import shipped_tracks
+from bike_sim.course.files import load_track, shipped_tracks
 from bike_sim.planning.envelope import Envelope, envelope
 from bike_sim.planning.line_cache import track_with_line
 from bike_sim.sim.followed_line import FollowedLine
@@ -70,16 +70,23 @@ class CircuitSet:
             raise ValueError(f"a race needs a circuit; there are {', '.join(shipped_tracks())}")
         self.names = tuple(circuits)
         self._limits: list[Envelope] = [envelope(vehicle) for vehicle in vehicles if isinstance(vehicle, Superbike)]
-        self._tracks = {
-            (name, machine): track_with_line(name, limits)
-            for name in circuits
-            for machine, limits in enumerate(self._limits)
-        }
-        self._lines = lru_cache(KEPT)(lambda name, lam, machine: FollowedLine(self._tracks[name, machine], lam))
+        # The fastest line of a machine takes seconds, so it is computed for those that ride a circuit.
+        self._track = cache(lambda name, machine: track_with_line(name, self._limits[machine]))
+        self._lines = lru_cache(KEPT)(lambda name, lam, machine: FollowedLine(self._track(name, machine), lam))
+        self._lengths = {name: load_track(name).length for name in circuits}
 
     def length(self, name: str) -> float:
         """Return the length of a circuit's centre line, m."""
-        return self._tracks[name, 0].length
+        return self._lengths[name]
+
+    def dealt(self, row: int) -> tuple[str, ...]:
+        """Return the circuits of a row's machine, where machines share them out among themselves."""
+        return self.names[row % self.machines :: self.machines] or self.names
+
+    @property
+    def machines(self) -> int:
+        """Number of the machines."""
+        return len(self._limits)
 
     def line(self, name: str, lam: float, row: int = 0) -> FollowedLine:
         """Return a line of a circuit, 0 the median, 1 the ideal line of a row's machine."""
@@ -99,6 +106,7 @@ class RaceCurriculumSettings(CurriculumSettings):
     Attributes:
         curriculum: ``none``.
         circuits: names or files of circuits.
+        dealt: whether several machines share the circuits out among themselves, so that there are fewer lines to plan.
         share: part of the planned speed that is asked in the end.
         spread: half width of the interval that the share of an episode is drawn from.
         failure_share: part of the starts that lead up to where rides failed lately.
@@ -120,6 +128,7 @@ class RaceCurriculumSettings(CurriculumSettings):
 
     curriculum: str = "none"
     circuits: tuple[str, ...] = ("barcelona",)
+    dealt: bool = False
     share: float = 1.0
     spread: float = 0.0
     failure_share: float = 0.0
@@ -173,7 +182,8 @@ class RaceCurriculum(Curriculum):
     def draw(self, rng: np.random.Generator, preview: Preview, row: int = 0) -> ResetRequest:
         """Draw how an episode begins; see `Episodes`."""
         circuits, settings = self.circuits, self.settings
-        name = circuits.names[int(rng.integers(len(circuits.names)))]
+        names = circuits.dealt(row) if settings.dealt else circuits.names
+        name = names[int(rng.integers(len(names)))]
         context = self.context(rng)
         lam = self.line(context)
         length = circuits.length(name)
@@ -223,23 +233,26 @@ class RaceCurriculum(Curriculum):
         self, names: Sequence[str], count: int, shift: float, share: float | None, preview: Preview, seed: int
     ) -> list[ResetRequest]:
         found: list[ResetRequest] = []
-        for name in names:
+        for row in range(len(names) * count):
+            name, k = names[row // count], row % count
+            if self.settings.dealt:
+                own = self.circuits.dealt(row)
+                name = own[row // self.circuits.machines % len(own)]
             length = self.circuits.length(name)
-            for k in range(count):
-                progress = (k + shift) / count * length % length
-                part = share if share is not None else 0.5 + 0.4 * ((k * 0.6180339887) % 1.0)
-                speed = max(self.circuits.start(name, IDEAL, progress, part, len(found)), 5.0)
-                found.append(
-                    ResetRequest(
-                        seed=seed + k,
-                        course=name,
-                        speed_range=(speed, speed),
-                        perturb=True,
-                        progress=progress,
-                        preview=preview,
-                        context=tuple(RaceContext(share=self.settings.share)),
-                    )
+            progress = (k + shift) / count * length % length
+            part = share if share is not None else 0.5 + 0.4 * ((k * 0.6180339887) % 1.0)
+            speed = max(self.circuits.start(name, IDEAL, progress, part, row), 5.0)
+            found.append(
+                ResetRequest(
+                    seed=seed + k,
+                    course=name,
+                    speed_range=(speed, speed),
+                    perturb=True,
+                    progress=progress,
+                    preview=preview,
+                    context=tuple(RaceContext(share=self.settings.share)),
                 )
+            )
         return found
 
     def passes(self, errors: Sequence[float]) -> bool:

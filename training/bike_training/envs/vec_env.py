@@ -137,10 +137,11 @@ class BatchVecEnv(VecEnv):
             self.rng = np.random.default_rng(self._seeds[0])
         self._reset_seeds()
         for index in range(self.num_envs):
-            self._begin(index)
+            self.begin(index)
         return self.rides.observe(self.batch)
 
-    def _begin(self, index: int) -> None:
+    def begin(self, index: int) -> None:
+        """Begin a new ride of a vehicle."""
         request = self.episodes.draw(self.rng, self.task.preview, index)
         self.batch.reset(index, request)
         self.rides.begin(index, self.batch, request, self.batch.course(index))
@@ -185,7 +186,7 @@ class BatchVecEnv(VecEnv):
                 self.steps[index] = 0
                 self.returns[index] = 0.0
             else:
-                self._begin(int(index))
+                self.begin(int(index))
         if ended.any():
             observations = self.rides.observe(self.batch)
         return observations, rewards, ended, infos

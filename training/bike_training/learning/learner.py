@@ -57,7 +57,9 @@ class MirrorReplayBuffer(ReplayBuffer):
         return data
 
 
-def build_model(algorithm: SacSettings, task: Task, env: VecEnv, seed: int) -> OffPolicyAlgorithm:
+def build_model(
+    algorithm: SacSettings, task: Task, env: VecEnv, seed: int, start: Actor | None = None
+) -> OffPolicyAlgorithm:
     """Make a learner.
 
     Args:
@@ -65,6 +67,7 @@ def build_model(algorithm: SacSettings, task: Task, env: VecEnv, seed: int) -> O
         task: task to learn.
         env: vector environment.
         seed: seed of networks and samples.
+        start: actor that it begins with and stays near (sbx only).
 
     Raises:
         ValueError: a setting that this learner or this task has not.
@@ -108,7 +111,14 @@ def build_model(algorithm: SacSettings, task: Task, env: VecEnv, seed: int) -> O
     common["policy_kwargs"]["layer_norm"] = algorithm.layer_norm
     if algorithm.precondition:
         common["policy_kwargs"] |= networks(task.layout, task.action)
-    return JaxSAC("MlpPolicy", env, policy_delay=algorithm.policy_delay, **common)
+    if start is None:
+        return JaxSAC("MlpPolicy", env, policy_delay=algorithm.policy_delay, **common)
+    from bike_training.learning.anchored import anchored_to
+
+    model = anchored_to(start, algorithm.anchor)("MlpPolicy", env, policy_delay=algorithm.policy_delay, **common)
+    model.critic_steps = algorithm.critic_steps
+    model.begin_as(start)
+    return model
 
 
 def actor_tensors(model: OffPolicyAlgorithm) -> tuple[list[NDArray[np.float32]], list[NDArray[np.float32]]]:

@@ -60,11 +60,15 @@ class SacSettings(Settings):
         temperature: what the entropy is worth at the start, in units of reward.
         mirror: learn each transition as often mirrored left to right as it happened.
         averaging: share of the averaged actor kept in an update of the average; 0 deploys the actor itself.
+        rounds: of imitation of a teacher that is told the world, before the first step, see `imitation` (sbx only).
+        anchor: weight of the squared distance of the mean action from that of the imitating actor, in units of reward.
+        critic_steps: steps with that actor in which the critics learn alone.
         steps: learning steps in all.
     """
 
     place = "learner"
     limits: ClassVar = {
+        **dict.fromkeys(("rounds", "anchor", "critic_steps"), AT_LEAST_0),
         **dict.fromkeys(("environments", "updates", "batch_size", "buffer_size", "policy_delay", "steps"), AT_LEAST_1),
         "learning_starts": AT_LEAST_0,
         **dict.fromkeys(("learning_rate", "tau"), (POSITIVE[0], 1.0)),
@@ -92,12 +96,20 @@ class SacSettings(Settings):
     temperature: float = 1.0
     mirror: bool = False
     averaging: float = 0.0
+    rounds: int = 0
+    anchor: float = 0.0
+    critic_steps: int = 0
     steps: int = 1_000_000
 
     def __post_init__(self) -> None:
         """Refuse values that mean nothing."""
         super().__post_init__()
         check_choice("learner.learner", self.learner, ("sb3", "sbx"))
+        if self.rounds and self.learner != "sbx":
+            raise ValueError(f"setting learner.rounds={self.rounds} needs the learner sbx, not {self.learner}")
+        for name in ("anchor", "critic_steps"):
+            if getattr(self, name) and not self.rounds:
+                raise ValueError(f"setting learner.{name}={getattr(self, name)!r} needs learner.rounds of imitation")
         _check_layers(self.layers)
 
 

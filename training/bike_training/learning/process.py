@@ -15,6 +15,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from safetensors.numpy import load_file
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, make_output_format
 from stable_baselines3.common.monitor import Monitor
@@ -36,7 +37,14 @@ from bike_training.learning.checkpoint import Checkpoint, find_checkpoint, holds
 from bike_training.learning.learner import AveragedActor, actor_tensors, build_model
 from bike_training.learning.presets import GradientSettings
 from bike_training.learning.progress import Progress
-from bike_training.learning.run_settings import TRAINING_DRAWS, VALIDATION_DRAWS, RunSettings, draws, source_commit
+from bike_training.learning.run_settings import (
+    IMITATED,
+    TRAINING_DRAWS,
+    VALIDATION_DRAWS,
+    RunSettings,
+    draws,
+    source_commit,
+)
 from bike_training.learning.validation import SideBySide, keep, ride_side_by_side
 from bike_training.rollout.stability import is_stable
 from bike_training.settings import to_plain
@@ -44,7 +52,7 @@ from bike_training.tasks.base import Task
 
 if TYPE_CHECKING:
     from bike_training.learning.episode_recording import Standing, TrainingRecorder
-
+    from bike_training.learning.imitation import Imitation
 
 LOG_EVERY: Final = 1000
 """Learning steps between two rows of the logs."""
@@ -155,7 +163,8 @@ class LearningProcess(BaseCallback):
         settings = self.settings
         self.env = make_environment(settings, self.task, self.progress.curriculum.episodes(step))
         self._opened.callback(self.env.close)
-        self.model = build_model(settings.preset.sac, self.task, self.env, settings.seed)
+        start = Actor.from_tensors(load_file(self.out / IMITATED)) if settings.preset.sac.rounds else None
+        self.model = build_model(settings.preset.sac, self.task, self.env, settings.seed, start)
 
     def _seed_rides(self) -> None:
         """Seed the rides from the present step on; the learner seeds them with its own seed when it is made."""
@@ -449,11 +458,36 @@ class LearningProcess(BaseCallback):
 SETTINGS_FILE: Final = "settings.json"
 
 
+def imitate(settings: RunSettings, out: Path, report: Callable[[Imitation], None]) -> None:
+    """Make the actor that a run begins with, or go on making it; nothing where it is there.
+
+    Args:
+        settings: of the run.
+        out: its folder.
+        report: called after each round.
+
+    Raises:
+        ValueError: rides that are not stepped by the compiled engine in this process, or the task is no race without a
+            guide.
+    """
+    if not settings.compiled or not settings.superbike:
+        raise ValueError("setting learner.rounds is for superbikes on the compiled engine in this process")
+    if (out / IMITATED).is_file():
+        return
+    from bike_training.learning.imitation import Imitation  # late: it takes JAX
+
+    vehicles = [load_vehicle(name) for name in settings.machines]
+    episodes = settings.preset.curriculum.make(vehicles).episodes(0)
+    with contextlib.closing(make_environment(settings, settings.preset.task, episodes)) as env:
+        Imitation(env, settings.preset.sac, settings.seed).run(out, report)
+
+
 def run(
     settings: RunSettings,
     out: Path,
     report: Callable[[LearningProcess], None] | None = None,
     resume: bool = False,
+    report_round: Callable[[Imitation], None] = lambda _: None,
 ) -> dict[str, Any]:
     """Learn until the run has ended or is stopped.
 
@@ -462,6 +496,7 @@ def run(
         out: its folder.
         report: called after each step of all vehicles, to show progress.
         resume: go on from the checkpoint in ``out``.
+        report_round: called after each round of imitation.
 
     Returns:
         The summary, as in ``run.json``, with ``interrupted``: whether a signal stopped the run before its end.
@@ -473,6 +508,13 @@ def run(
     """
     if isinstance(settings.preset.learner, GradientSettings):
         raise ValueError(f"preset {settings.preset.name!r} learns by gradients; see `GradientLearning`")
+    if settings.preset.sac.rounds:
+        if not resume and (holds_run(out) or (out / IMITATED).is_file()):
+            raise ValueError(f"{out} already holds a run; resume it or choose another folder")
+        out.mkdir(parents=True, exist_ok=True)
+        write_whole(out / SETTINGS_FILE, json.dumps(to_plain(settings), indent=1))
+        imitate(settings, out, report_round)
+        resume = resume and find_checkpoint(out) is not None
     interrupted = False
     try:
         with contextlib.closing(LearningProcess(settings, out, settings.preset.sac.steps, resume=resume)) as process:

@@ -28,6 +28,10 @@ RECORD_ENDS: Final = 1_000_000_000
 
 GRADIENT_TABLE: Final = "refinement.csv"
 """File of a run that learns by gradients: a row for each comparison of actors."""
+IMITATED: Final = "imitated.safetensors"
+"""File of a run with the actor that it begins with, learned by imitation."""
+IMITATED: Final = "imitated.safetensors"
+"""File of a run with the actor that it begins with, learned by imitation."""
 GRADIENT_POLICY: Final = "policy"
 """Its bundle of the best actor."""
 

@@ -244,6 +244,9 @@ class BatchTaskState(TaskState):
     """State of a task for several machines in turn, with what lies between them and their riders; see `TaskState`.
 
     Riders see what their instruments show; rewards and failures are of what is.
+
+    Attributes:
+        parts: state of each machine's rows.
     """
 
     def __init__(self, task: Task, vehicles: Sequence[Vehicle], disturbances: Sequence[Disturbances]) -> None:
@@ -254,7 +257,7 @@ class BatchTaskState(TaskState):
         """
         count = self._count = len(disturbances)
         self._kinds = len(vehicles)
-        self._parts = [
+        self.parts = [
             task.make_state(len(range(first, count, len(vehicles))), vehicle) for first, vehicle in enumerate(vehicles)
         ]
         self._between = any(known.acts_between for known in disturbances)
@@ -262,7 +265,7 @@ class BatchTaskState(TaskState):
 
     def _each(self, rows: VehicleRows) -> Iterator[tuple[TaskState, Rows]]:
         """Return the state of each machine with its rows: views, so that what a batch does is seen."""
-        for part, state in enumerate(self._parts):
+        for part, state in enumerate(self.parts):
             yield state, Rows(*(getattr(rows, name)[part :: self._kinds] for name in Rows._fields))
 
     def _together(self, parts: Iterable[NDArray[Any]]) -> NDArray[Any]:
@@ -313,7 +316,7 @@ class BatchTaskState(TaskState):
 
     def state_dict(self) -> dict[str, Any]:
         """Return the memory."""
-        each = {str(part): state.state_dict() for part, state in enumerate(self._parts)}
+        each = {str(part): state.state_dict() for part, state in enumerate(self.parts)}
         state = each if self._kinds > 1 else each["0"]
         return {"instruments": self._instruments.state_dict(), "state": state} if self._between else state
 
@@ -322,5 +325,5 @@ class BatchTaskState(TaskState):
         if self._between:
             self._instruments.restore(stored["instruments"])
             stored = stored["state"]
-        for part, state in enumerate(self._parts):
+        for part, state in enumerate(self.parts):
             state.restore(stored[str(part)] if self._kinds > 1 else stored)

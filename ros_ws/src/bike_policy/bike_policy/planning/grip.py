@@ -237,17 +237,39 @@ class AdaptiveLaw:
             targets: see `LineLaw.commands`.
         """
         rows = self.observer.observe(rows)
-        seen = np.nan_to_num(seen_of(rows.state, rows.look))
         expected = self.memory.update(rows, self.observer.force_errors)
+        observer = self.observer
+        commands = self.follow(rows, self.memory.grip, expected, targets, observer.rates, observer.delays)
+        observer.answered(commands)
+        return commands
+
+    def follow(
+        self,
+        rows: VehicleRows,
+        grip: FloatArray,
+        expected: FloatArray,
+        targets: FloatArray | None = None,
+        rates: FloatArray | None = None,
+        delays: FloatArray | None = None,
+    ) -> FloatArray:
+        """Return steering and throttle in [-1, 1] on a grip that is known, shape (n, 2).
+
+        Args:
+            rows: of all machines.
+            grip: of the road under each, shape (n,).
+            expected: the same here and shortly ahead, shape (n,).
+            targets: see `LineLaw.commands`.
+            rates: see there.
+            delays: see there.
+        """
+        seen = np.nan_to_num(seen_of(rows.state, rows.look))
         expected = np.where(expected < 1.0 - 0.5 * LEVEL, expected - RESERVE, expected)
         level = np.clip(np.round(expected / LEVEL) * LEVEL, GRIPS[-1], 1.0)
         for row in np.flatnonzero(level != self._level).tolist():
             self.law.change(row, self._plans[row].on(float(level[row])), seen[row])
         self._level = level
-        leans = self._leans(np.nan_to_num(rows.look[:, SPEED]))
-        commands = self.law.commands(seen, targets, leans, self.observer.rates, self.observer.delays)
-        self.observer.answered(commands)
-        return commands
+        leans = self._leans(grip, np.nan_to_num(rows.look[:, SPEED]))
+        return self.law.commands(seen, targets, leans, rates, delays)
 
     def state_dict(self) -> dict[str, Any]:
         """Return what is remembered of the rides, as arrays."""
@@ -263,9 +285,9 @@ class AdaptiveLaw:
             self.law.change(row, self._plans[row].on(float(self._level[row])), stored["law"][row, :SEEN])
         self.law.memory[...] = stored["law"]
 
-    def _leans(self, speed: FloatArray) -> FloatArray:
+    def _leans(self, grip: FloatArray, speed: FloatArray) -> FloatArray:
         """Return the largest lean that each machine may request, rad: the one that the grip holds."""
-        grip, leans = self.memory.grip, np.full(len(speed), self._settings.largest_lean)
+        leans = np.full(len(speed), self._settings.largest_lean)
         for row in np.flatnonzero(grip < 1.0 - 0.5 * LEVEL):
             most = HELD * grip[row] * float(np.interp(speed[row], self._limits.speeds, self._limits.lateral_max))
             table = self.law.leans

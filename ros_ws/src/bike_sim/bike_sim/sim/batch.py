@@ -60,6 +60,7 @@ class Batch:
         points: course points, shape (n, 3, lk.STATIONS, 3).
         rows: all that the compiled step knows of the rows.
         episodes: number of each row's episode; 0 before the first.
+        disturbances: of each row.
     """
 
     def __init__(
@@ -93,7 +94,7 @@ class Batch:
             disturbances = [disturbances or Disturbances()] * count
         if len(disturbances) != count:
             raise ValueError(f"a batch of {count} vehicles needs as many disturbances, got {len(disturbances)}")
-        self._disturbances = disturbances
+        self.disturbances = disturbances
         self._known: dict[tuple[str, int], Plant] = {}
         self._courses: dict[str, Courses] = {}
         disturbed = any(known.acts_on_vehicle for known in disturbances)
@@ -144,7 +145,7 @@ class Batch:
         Raises:
             ValueError: an engine that cannot simulate it. FileNotFoundError: an unknown vehicle.
         """
-        name, disturbances = _name_of(vehicle), self._disturbances[index]
+        name, disturbances = _name_of(vehicle), self.disturbances[index]
         key = name, id(disturbances)
         if self._shared and key in self._known:
             return self._known[key]

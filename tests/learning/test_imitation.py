@@ -1,0 +1,115 @@
+"""Imitation of a teacher that is told the world, and the learner that goes on from the actor that imitates."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bike_policy.planning.grip import GripMemory
+from bike_sim.sim.batch import SUPERBIKE_ENGINE
+from bike_sim.vehicles.files import load_superbike
+from bike_training.learning import imitation
+from bike_training.learning.imitation import Imitation, told_grip
+from bike_training.learning.presets import Preset, load_preset
+from bike_training.learning.process import LearningProcess, make_environment
+from bike_training.learning.run_settings import RunSettings
+from tests.circuits import OVAL
+
+VEHICLE = "panigale_v4r"
+
+
+@pytest.fixture(scope="module")
+def preset(tmp_path_factory: pytest.TempPathFactory) -> Preset:
+    """Imitation and a few steps on an oval, on two roads that nobody tells of."""
+    circuit = tmp_path_factory.mktemp("circuits") / "oval.yaml"
+    circuit.write_text(OVAL)
+    small = {
+        "layers": "32",
+        "environments": "4",
+        "updates": "2",
+        "batch_size": "64",
+        "rounds": "2",
+        "critic_steps": "0",
+    }
+    changes = {f"learner.{name}": value for name, value in small.items()}
+    changes |= {"learner.learning_starts": "20", "learner.layer_norm": "false", "learner.averaging": "0"}
+    worlds = {"task.disturbances": "[road_090]", "task.max_steps": "50"}
+    return load_preset("race_adaptive").changed({**changes, **worlds, "curriculum.circuits": [str(circuit)]})
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(imitation, "DURATION", 4.0)
+    monkeypatch.setattr(imitation, "UPDATES", 150)
+
+
+def settings(preset: Preset) -> RunSettings:
+    return RunSettings(preset, VEHICLE, engine=SUPERBIKE_ENGINE)
+
+
+def imitate(preset: Preset, out: Path, rounds: int) -> Imitation:
+    own = settings(preset.changed({"learner.rounds": rounds}))
+    episodes = own.preset.curriculum.make([load_superbike(VEHICLE)]).episodes(0)
+    with closing(make_environment(own, own.preset.task, episodes)) as env:
+        found = Imitation(env, own.preset.sac, 0)
+        found.run(out)
+        return found
+
+
+def test_an_interrupted_imitation_goes_on_as_if_never_stopped(
+    tmp_path: Path, preset: Preset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = imitate(preset, tmp_path / "whole", 2)
+    rode = Imitation._ride
+
+    def interrupted(self: Imitation) -> dict[str, np.ndarray]:
+        if self.done == 1:
+            raise KeyboardInterrupt
+        return rode(self)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Imitation, "_ride", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            imitate(preset, tmp_path / "parts", 2)
+    parts = imitate(preset, tmp_path / "parts", 2)
+    for name, tensor in whole.actor().tensors().items():
+        np.testing.assert_array_equal(parts.actor().tensors()[name], tensor)
+
+
+@pytest.mark.slow
+def test_the_learner_begins_as_the_actor_that_imitates_and_stays_near(tmp_path: Path, preset: Preset) -> None:
+    """It keeps it bit for bit while the critics learn alone, and moves on from there."""
+    imitated = imitate(preset, tmp_path / "run", 2).actor()
+    held = preset.changed({"learner.critic_steps": "44"})
+    with closing(LearningProcess(settings(held), tmp_path / "run", 40)) as process:
+        process.run()
+        assert process.model._n_updates > 0
+        for name, tensor in imitated.tensors().items():
+            np.testing.assert_array_equal(process.actor().tensors()[name], tensor)
+    with closing(LearningProcess(settings(held), tmp_path / "run", 60, resume=True)) as process:
+        process.run()
+        seen = np.zeros((1, imitated.inputs), dtype=np.float32)
+        away = np.abs(process.actor().act_batch(seen) - imitated.act_batch(seen)).max()
+        assert 0.0 < away < 0.1
+
+
+def test_the_teacher_rides_on_no_more_grip_than_there_is_and_than_can_be_known() -> None:
+    true, inferred = np.array([0.8, 0.95, 1.2]), GripMemory(load_superbike(VEHICLE), 0.02, 3)
+    assert np.all(told_grip(true, inferred)[1] < [0.81, 0.9, 0.9])
+    inferred.variance[:], inferred.grip[:], inferred.expected[:] = 1e-4, (0.9, 0.9, 1.1), (0.9, 0.85, 1.1)
+    np.testing.assert_allclose(told_grip(true, inferred)[1], [0.8, 0.85, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"learner.learner": "sb3"}, "rounds=2 needs the learner sbx"),
+        ({"learner.rounds": "0", "learner.anchor": "3"}, "anchor=3.0 needs learner.rounds"),
+    ],
+)
+def test_settings_that_mean_nothing_are_refused(preset: Preset, changes: dict[str, str], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        preset.changed(changes)

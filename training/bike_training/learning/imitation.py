@@ -1,0 +1,282 @@
+"""Imitation: the actor rides, and a teacher that is told the world says what it would command there.
+
+Soft actor-critic alone needs millions of decisions for one circuit. The classical law, on a plan for the true grip and
+with a preview for the true delay, rides any circuit. An actor that is told neither imitates it where it comes to itself
+(DAgger: Ross, Gordon and Bagnell 2011), so what it cannot know it has to read from how the machine answers (a
+privileged teacher: Chen et al. 2020, Learning by Cheating). The actor sees no plan of the teacher and needs none to
+ride: it commands lean and drive itself. Soft actor-critic goes on from there (`bike_training.learning.anchored`).
+
+A teacher that knew the grip would brake late before anybody can know it. So it rides by the least of what is true and
+what the actor may believe so far: at first carefully, then by what has been inferred.
+"""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from numpy.typing import NDArray
+from safetensors.numpy import load_file, save_file
+
+from bike_policy.contract.bundle import Actor
+from bike_policy.contract.observation import Rows
+from bike_policy.planning.grip import AdaptiveLaw, GripMemory
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
+from bike_sim.vehicles.superbike import Superbike
+from bike_training.envs.vec_env import BatchVecEnv
+from bike_training.learning.presets import SacSettings
+from bike_training.learning.run_settings import IMITATED
+from bike_training.tasks.base import BatchTaskState
+from bike_training.tasks.race import RaceState, RaceTask
+
+FloatArray = NDArray[np.float64]
+Weights = list[tuple[jax.Array, jax.Array]]
+"""Kernel (inputs, outputs) and bias of each layer."""
+
+STARTING_CAUTION: Final = 2.8
+"""Standard deviations beyond `SURE` by which the teacher rides on less than the inferred grip."""
+SURE: Final = 0.035
+"""Standard deviation of the inferred grip that asks for no caution."""
+STEERED: Final = 10.0
+"""Weight of the squared error of the lean request by that of throttle and brake."""
+NOISE: Final = (0.006, 0.03)
+"""Standard deviation of what is added to lean request and drive of half of the rows, so that the actor sees how to
+come back."""
+NOISE_MEMORY: Final = 0.97
+"""Part of the noise that the next decision keeps."""
+TEACHER_RIDES: Final = (1.0, 0.5, 0.15)
+"""Part of the rides of the first rounds that the teacher rides itself; none later."""
+DURATION: Final = 60.0
+"""Of a round, s."""
+UPDATES: Final = 2500
+"""Updates after each round; after the last one `LAST` times as many."""
+LAST: Final = 4
+BATCH: Final = 1024
+RATE: Final = 1e-3
+FOLDER: Final = "imitation"
+"""Folder of a run with the rounds so far."""
+
+
+def told_grip(true: FloatArray, inferred: GripMemory | None) -> tuple[FloatArray, FloatArray]:
+    """Return the grip that a teacher rides by, here, and here and shortly ahead, shape (n,) each.
+
+    Args:
+        true: grip of the whole road of each row, shape (n,).
+        inferred: by the actors; None for actors that infer nothing.
+    """
+    grip = np.minimum(true, 1.0)
+    if inferred is None:
+        return grip, grip
+    caution = STARTING_CAUTION * np.maximum(np.sqrt(inferred.variance) - SURE, 0.0)
+    grip = np.minimum(grip, inferred.grip)
+    return grip, np.minimum(np.minimum(grip, inferred.expected), inferred.grip - caution)
+
+
+class Teacher:
+    """The classical rider, told grip and delays, for all rows of an environment of races."""
+
+    def __init__(self, env: BatchVecEnv) -> None:
+        """Make a law for each machine of the rows.
+
+        Raises:
+            ValueError: the task is no race without a guide.
+        """
+        task, batch = env.task, env.batch
+        if not isinstance(task, RaceTask) or task.guided:
+            raise ValueError("imitation is for races whose actions command lean and drive, without a guide")
+        self._batch, self._scale = batch, np.array([task.lean_scale, 1.0])
+        states = env.rides.parts if isinstance(env.rides, BatchTaskState) else (env.rides,)
+        self._kinds, self._interfaces = len(states), [state.interface for state in states if isinstance(state, RaceState)]
+        self._laws: list[AdaptiveLaw] = []
+        self._grips: list[FloatArray] = []
+        self._delays: list[FloatArray] = []
+        worlds, period = batch.disturbances, batch.config.control_period
+        # A decision is held, so it acts later than one of a control period by half of the rest.
+        held = 0.5 * (task.repeat - 1) * period
+        for part in range(self._kinds):
+            vehicle = batch.plant(part).vehicle
+            assert isinstance(vehicle, Superbike), "races are ridden on superbikes"
+            own = worlds[part :: self._kinds]
+            self._grips.append(np.array([world.road.grip for world in own]))
+            self._delays.append(np.array([held + world.command_delay_s for world in own]))
+            self._laws.append(AdaptiveLaw(vehicle, period, CLASSICAL_SETTINGS, len(own)))
+
+    def begin(self, row: int) -> None:
+        """Begin a ride."""
+        place, part = divmod(row, self._kinds)
+        self._laws[part].begin(place, None, self._batch.course(row))
+
+    def actions(self) -> NDArray[np.float32]:
+        """Return what the teacher would do in each row at this control period, actions in [-1, 1], shape (n, 2)."""
+        found = np.zeros((self._batch.count, 2))
+        for part, law in enumerate(self._laws):
+            rows = Rows(*(getattr(self._batch, name)[part :: self._kinds] for name in Rows._fields))
+            interface = self._interfaces[part]
+            share = interface.references.share
+            pace = np.stack((np.zeros(len(share)), share - 1.0), axis=1)
+            grip, expected = told_grip(self._grips[part], interface.grip_memory)
+            found[part :: self._kinds] = law.follow(rows, grip, expected, pace, delays=self._delays[part])
+        return np.clip(np.nan_to_num(found) / self._scale, -1.0, 1.0).astype(np.float32)
+
+
+class Imitation:
+    """Rounds of rides and supervised learning, each of which can be taken up from the one before.
+
+    Attributes:
+        done: rounds so far.
+        loss: mean of the last updates.
+        lost: rides that ended early in the last round.
+    """
+
+    def __init__(self, env: BatchVecEnv, settings: SacSettings, seed: int) -> None:
+        """Prepare.
+
+        Args:
+            env: of the run; its rides begin anew with each round.
+            settings: of the learner that goes on from here.
+            seed: of all draws.
+
+        Raises:
+            ValueError: the task is no race without a guide.
+        """
+        self._env, self._settings, self._seed = env, settings, seed
+        self._teacher = Teacher(env)
+        self._inputs = env.task.layout.size
+        self._weights = _drawn((self._inputs, *settings.layers, env.task.action.size), seed)
+        rule = optax.chain(optax.clip_by_global_norm(1.0), optax.scale_by_adam())
+        self._rule, self.done, self.loss, self.lost = rule, 0, math.nan, 0
+        self._seen: list[NDArray[np.float32]] = []
+        self._shown: list[NDArray[np.float32]] = []
+
+        @jax.jit
+        def update(weights: Any, moments: Any, seen: Any, shown: Any, rate: Any) -> Any:
+            value, slope = jax.value_and_grad(_cost)(weights, seen, shown)
+            move, moments = rule.update(slope, moments)
+            return jax.tree.map(lambda w, m: w - rate * m, weights, move), moments, value
+
+        self._update = update
+
+    def actor(self) -> Actor:
+        """Return the present actor."""
+        return Actor(
+            [np.array(kernel).T.copy() for kernel, _ in self._weights], [np.array(bias) for _, bias in self._weights]
+        )
+
+    def run(self, out: Path, report: Callable[[Imitation], None] = lambda _: None) -> Actor:
+        """Make the rounds that are missing and return the actor; a run that was interrupted goes on.
+
+        Args:
+            out: folder of the run.
+            report: called after each round.
+        """
+        folder, final = out / FOLDER, out / IMITATED
+        if final.is_file():
+            return Actor.from_tensors(load_file(final))
+        folder.mkdir(parents=True, exist_ok=True)
+        for file in sorted(folder.glob("round_*.safetensors")):
+            stored = load_file(file)
+            self._take(stored)
+        while self.done < self._settings.rounds:
+            stored = self._ride()
+            self._learn(stored["seen"], stored["shown"])
+            save_file({**stored, **self.actor().tensors()}, folder / f"round_{self.done:03d}.safetensors")
+            self.done += 1
+            report(self)
+        save_file(self.actor().tensors(), final)
+        shutil.rmtree(folder)
+        return self.actor()
+
+    def _take(self, stored: dict[str, NDArray[Any]]) -> None:
+        """Take in a round that was made."""
+        seen, shown = stored.pop("seen"), stored.pop("shown")
+        self._seen.append(seen)
+        self._shown.append(shown)
+        actor = Actor.from_tensors(stored)
+        self._weights = [(jnp.asarray(w), jnp.asarray(b)) for w, b in zip(actor.weights, actor.biases, strict=True)]
+        self.done += 1
+
+    def _ride(self) -> dict[str, NDArray[np.float32]]:
+        """Ride a round; return what was seen and what the teacher showed, a row for each decision of each machine."""
+        env, teacher, actor = self._env, self._teacher, self.actor()
+        task, batch, rides, count = env.task, env.batch, env.rides, env.num_envs
+        rng = np.random.default_rng([self._seed, self.done, 7])
+        env.rng = np.random.default_rng([self._seed, self.done, 8])
+        share = TEACHER_RIDES[self.done] if self.done < len(TEACHER_RIDES) else 0.0
+        taught = rng.random(count) < share
+        size = rng.random((count, 1)) * (rng.random((count, 1)) < 0.5)
+        noise = np.zeros((count, 2))
+        env.reset()
+        for row in range(count):
+            teacher.begin(row)
+        steps = round(DURATION / (batch.config.control_period * task.repeat))
+        seen = np.empty((steps, count, self._inputs), dtype=np.float32)
+        shown = np.empty((steps, count, 2), dtype=np.float32)
+        self.lost, shown_now = 0, teacher.actions()
+        for step in range(steps):
+            seen[step], shown[step] = rides.observe(batch), shown_now
+            actions = np.where(taught[:, None], shown_now, actor.act_batch(seen[step]))
+            noise = NOISE_MEMORY * noise + rng.standard_normal((count, 2)) * NOISE
+            rides.act(batch, np.clip(actions + size * noise, -1.0, 1.0).astype(np.float32))
+            for _ in range(task.repeat):
+                batch.step(rides.commands(batch))
+                rides.advance(batch)
+                shown_now = teacher.actions()
+            failed = rides.evaluate(batch).failed
+            for row in np.flatnonzero(failed).tolist():
+                self.lost += 1
+                env.begin(row)
+                teacher.begin(row)
+                taught[row] = rng.random() < share
+            if failed.any():
+                shown_now = teacher.actions()
+        return {"seen": seen.reshape(-1, self._inputs), "shown": shown.reshape(-1, 2)}
+
+    def _learn(self, seen: NDArray[np.float32], shown: NDArray[np.float32]) -> None:
+        """Learn from all rounds so far; the last one ends with a falling rate."""
+        layout, action = self._env.task.layout, self._env.task.action
+        self._seen.append(seen)
+        self._shown.append(shown)
+        every, answers = np.concatenate(self._seen), np.concatenate(self._shown)
+        rng = np.random.default_rng([self._seed, self.done, 9])
+        last = self.done == self._settings.rounds - 1
+        updates = UPDATES * (LAST if last else 1)
+        values, moments = [], self._rule.init(self._weights)
+        for update in range(updates):
+            done = update / updates
+            fall = 0.5 * (1.0 + math.cos(math.pi * done)) if last else 1.0 - 0.7 * done
+            picked = rng.integers(len(every), size=BATCH)
+            inputs, wanted = every[picked], answers[picked]
+            flipped = rng.random((BATCH, 1)) < 0.5
+            inputs = np.where(flipped, inputs[:, layout.mirror_places] * layout.mirror_signs, inputs)
+            wanted = np.where(flipped, wanted * action.mirror_signs, wanted)
+            rate = RATE * max(fall, 0.02)
+            self._weights, moments, value = self._update(self._weights, moments, inputs, wanted, rate)
+            values.append(value)
+        self.loss = float(np.mean([float(value) for value in values[-200:]]))
+
+
+def _drawn(sizes: tuple[int, ...], seed: int) -> Weights:
+    """Return the weights of a new network."""
+    rng = np.random.default_rng([seed, 6])
+    return [
+        (jnp.asarray(rng.normal(0.0, math.sqrt(2.0 / i), (i, o)), dtype=jnp.float32), jnp.zeros(o, dtype=jnp.float32))
+        for i, o in pairwise(sizes)
+    ]
+
+
+def _cost(weights: Weights, seen: jax.Array, shown: jax.Array) -> jax.Array:
+    """Return the mean squared error of the actions, those of the lean request weighted."""
+    hidden = seen
+    for kernel, bias in weights[:-1]:
+        hidden = jax.nn.relu(hidden @ kernel + bias)
+    kernel, bias = weights[-1]
+    error = jnp.tanh(hidden @ kernel + bias) - shown
+    return jnp.mean(jnp.array([STEERED, 1.0]) * error**2)
