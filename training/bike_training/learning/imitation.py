@@ -94,7 +94,8 @@ class Teacher:
             raise ValueError("imitation is for races whose actions command lean and drive, without a guide")
         self._batch, self._scale = batch, np.array([task.lean_scale, 1.0])
         states = env.rides.parts if isinstance(env.rides, BatchTaskState) else (env.rides,)
-        self._kinds, self._interfaces = len(states), [state.interface for state in states if isinstance(state, RaceState)]
+        self._interfaces = [state.interface for state in states if isinstance(state, RaceState)]
+        self._kinds = len(self._interfaces)
         self._laws: list[AdaptiveLaw] = []
         self._grips: list[FloatArray] = []
         self._delays: list[FloatArray] = []
