@@ -63,6 +63,7 @@ SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
         *(f"{_ROLLOUT}/{name}.py" for name in ("laps", "races")),
         *(f"{_POLICY}/riders/{name}.py" for name in ("classical", "racing")),
     ),
+    "optimum": (f"{_POLICY}/riders/optimum.py", f"{_ROLLOUT}/optimum.py"),
     "learning": tuple(f"training/bike_training/{name}" for name in ("tasks", "curricula", "learning", "presets")),
     "exporting": (_CONTRACT[0], f"{_POLICY}/policies", "training/bike_training/exporting"),
     "ros": (f"{_SIM}/ros", f"{_POLICY}/drive.py"),
@@ -187,6 +188,57 @@ def disturbed(name: str) -> str:
     return markdown([["disturbances", *names], *rows]) + "".join(origin(DATA / f"{rider}.csv") for rider in files)
 
 
+OPTIMA: Final = {
+    "machine": "{machine}", "circuit": "{circuit}", "closest line, s": "{closest:.2f}", "best found, s": "{lap:.2f}",
+    "over the closest line": "{excess:.2f} %", "`racer`, s": "{racer:.2f}", "over the best found": "{racer_loss:.2f} %",
+    "classical, s": "{classical:.2f}", "over it": "{classical_loss:.2f} %",
+}  # fmt: skip
+
+
+def _best_laps(laps: str, racer: str, classical: str) -> list[dict[str, Any]]:
+    """Return the best laps found beside the best ones of two riders, all names of data; losses in per cent."""
+    bests = [
+        {(row["vehicle"], row["circuit"]): float(row["best_s"]) for row in read_records(n)} for n in (racer, classical)
+    ]
+    found = []
+    last = {(row["machine"], row["circuit"], row["seed"]): row for row in read_records(laps)}  # by round, rising
+    fastest = {key[:2]: row for key, row in sorted(last.items(), key=lambda item: -float(item[1]["lap_s"]))}
+    for _, row in sorted(fastest.items()):
+        lap, closest = float(row["lap_s"]), float(row["closest_s"])
+        numbers = {"lap": lap, "closest": closest, "excess": 100.0 * (lap / closest - 1.0)}
+        for rider, best in zip(("racer", "classical"), bests, strict=True):
+            time = best[row["machine"], row["circuit"]]
+            numbers |= {rider: time, f"{rider}_loss": 100.0 * (time / lap - 1.0)}
+        found.append(row | numbers)
+    return found
+
+
+def optima(name: str) -> str:
+    """Return the best laps found, and by how much the best ones of other riders of the same pairs are slower."""
+    files = name.split(",")
+    rows = [cells(OPTIMA.values(), row) for row in _best_laps(*files)]
+    return markdown([list(OPTIMA), *rows]) + "".join(origin(DATA / f"{file}.csv") for file in files)
+
+
+CURVE_STEPS: Final = (0, 5, 10, 15, 20, 30, 40, 60, 80)
+
+
+def lap_curves(name: str) -> str:
+    """Return the best lap of each search after some of its rounds, and the processor time of all of them."""
+    searches: dict[tuple[str, ...], list[dict[str, str]]] = defaultdict(list)
+    for row in read_records(name):
+        searches[row["machine"], row["circuit"], row["seed"]].append(row)
+    last = max(len(points) for points in searches.values()) - 1
+    steps = [step for step in CURVE_STEPS if step <= last]
+    rows = []
+    for key, points in searches.items():
+        laps = [f"{float(points[step]['lap_s']):.2f}" if step < len(points) else "" for step in steps]
+        laps.append(f"{float(points[-1]['lap_s']):.2f}")
+        rows.append([*key, *laps, f"{float(points[-1]['seconds']) / 60.0:.1f} min"])
+    names = ("machine", "circuit", "seed", *(f"round {step}, s" for step in steps), "last, s", "processor time")
+    return markdown([names, *rows]) + origin(DATA / f"{name}.csv")
+
+
 def random_circuits(name: str) -> str:
     """Return a table of laps of random circuits, one line for each machine."""
     by_machine: dict[str, list[dict[str, str]]] = defaultdict(list)
@@ -308,7 +360,19 @@ def parameters(node: str) -> str:
 
 KINDS: Final[Mapping[str, Callable[[str], str]]] = {
     function.__name__: function
-    for function in (shipped, pairs, gains, disturbed, random_circuits, headline, paper, command, parameters)
+    for function in (
+        shipped,
+        pairs,
+        gains,
+        optima,
+        lap_curves,
+        disturbed,
+        random_circuits,
+        headline,
+        paper,
+        command,
+        parameters,
+    )
 }
 
 
