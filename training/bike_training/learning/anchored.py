@@ -26,6 +26,8 @@ class AnchoredSAC(SAC):
     """SAC of sbx whose actor begins as another one; see `anchored_to`."""
 
     critic_steps: int = 0
+    policy_delay: int
+    _n_updates: int
 
     def begin_as(self, actor: Actor) -> None:
         """Take over the weights of an actor, with little noise.
