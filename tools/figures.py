@@ -60,7 +60,7 @@ SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
     "lines": (f"{_SIM}/course", f"{_SIM}/planning", f"{_SIM}/config/tracks"),
     "superbike_riders": (
         *(*_CONTRACT, f"{_POLICY}/planning", f"{_POLICY}/policies/racer", f"{_POLICY}/policies/generalist"),
-        *(f"{_ROLLOUT}/{name}.py" for name in ("laps", "races")),
+        *(f"{_ROLLOUT}/{name}.py" for name in ("laps", "races", "worlds")),
         *(f"{_POLICY}/riders/{name}.py" for name in ("classical", "racing")),
     ),
     "optimum": (f"{_POLICY}/riders/optimum.py", f"{_ROLLOUT}/optimum.py"),

@@ -26,6 +26,7 @@ from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_superbike, load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole, make_folder
+from bike_training.commands import evaluate_worlds
 from bike_training.commands.declarations import DEFAULT_SUPERBIKE, SUPERBIKE
 from bike_training.envs.clients import make_client
 from bike_training.progress import progress_bar, setter
@@ -179,6 +180,10 @@ def run_races(args: argparse.Namespace) -> dict[str, Any]:
     """
     check_whole("--starts", args.starts, 1)
     check_whole("--laps", args.laps, 1)
+    if args.worlds:
+        return evaluate_worlds.run(args)
+    if getattr(args, "oracle", False):
+        raise ValueError("--oracle is told a world: give --worlds as well")
     if args.share is not None:
         check_positive("--share", args.share, "")
     rider = args.rider or DEFAULT_RACER

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from bike_policy.contract.observation import PROGRESS, SPEED, VehicleRows
 from bike_policy.contract.reference import GRIPS, KEPT
-from bike_policy.planning.lap_plan import P_FASTER, LinePlan, Planner, RiderSettings, on_grip, plan_line
+from bike_policy.planning.lap_plan import P_FASTER, LinePlan, Planner, RiderSettings, SteadyLeans, on_grip, plan_line
 from bike_policy.planning.line_law import SEEN, LineLaw, seen_of
 from bike_policy.planning.plan_verification import verified_plan
 from bike_policy.planning.ride_observer import RideObserver
@@ -151,6 +151,7 @@ class GripPlans:
         """
         self._vehicle, self._line, self._settings = vehicle, line, settings
         self._plans = {1.0: known}
+        self._share: FloatArray | None = None
 
     def solve(self) -> None:
         """Plan for all grips at once, so that a rider in real time need not wait for it, a matter of seconds."""
@@ -169,13 +170,52 @@ class GripPlans:
                 self._plans[grip] = low._replace(table=low.table + part * (high.table - low.table))
         return self._plans[grip]
 
+    def _verified(self) -> FloatArray:
+        """Return the speed of the verified plan by that of the one before verification."""
+        if self._share is None:
+            first = plan_line(self._vehicle, self._line, self._settings)
+            self._share = self._plans[1.0].profile.speed / first.profile.speed
+        return self._share
+
     def _solved(self, grip: float) -> LinePlan:
         """Return the plan for tyres of so much less friction, nowhere faster than on the known road."""
         if grip not in self._plans:
             known = self._plans[1.0]
-            plan = plan_line(on_grip(self._vehicle, grip), self._line, self._settings, known.profile.speed[:-1])
+            less = on_grip(self._vehicle, grip)
+            cap, share = known.profile.speed, self._verified()
+            if share.min() < 1.0:
+                # where a verification made the known plan slower, those for less grip are slower in proportion
+                cap = np.minimum(cap, share * plan_line(less, self._line, self._settings).profile.speed)
+            plan = plan_line(less, self._line, self._settings, cap[:-1])
             self._plans[grip] = plan.with_room_above(known.table[:-1, P_FASTER])
         return self._plans[grip]
+
+
+class HeldLeans:
+    """Largest leans that a rider may request: those that the grip holds."""
+
+    def __init__(self, vehicle: Superbike, settings: RiderSettings, leans: SteadyLeans) -> None:
+        """Take a machine as its rider knows it.
+
+        Args:
+            vehicle: the machine.
+            settings: with the largest lean on the known road.
+            leans: of its steady turns.
+        """
+        limits = envelope(vehicle)
+        self._largest, self._leans = settings.largest_lean, leans
+        self._speeds, self._lateral = limits.speeds.copy(), limits.lateral_max
+
+    def at(self, speed: FloatArray, grip: FloatArray) -> FloatArray:
+        """Return the largest lean of each machine, rad, shape (n,).
+
+        Args:
+            speed: of the machines, m/s, shape (n,).
+            grip: by that of the known road, shape (n,).
+        """
+        leans, table = np.full(len(speed), self._largest), self._leans
+        _held_leans(speed, grip, leans, self._speeds, self._lateral, table.speeds, table.table, table.leans)
+        return leans
 
 
 class AdaptiveLaw:
@@ -203,7 +243,7 @@ class AdaptiveLaw:
         self.memory = GripMemory(vehicle, period, count)
         self.law = LineLaw(vehicle, period, settings, count)
         self.observer = RideObserver(vehicle, period, count)
-        self._settings, self._limits = settings, envelope(vehicle)
+        self._leans = HeldLeans(vehicle, settings, self.law.leans)
         self._planned = lru_cache(maxsize=KEPT)(lambda line: GripPlans(vehicle, line, settings, plan(line)))
         self._plans: dict[int, GripPlans] = {}
         self._level = np.ones(count)
@@ -268,7 +308,7 @@ class AdaptiveLaw:
         for row in np.flatnonzero(level != self._level).tolist():
             self.law.change(row, self._plans[row].on(float(level[row])), seen[row])
         self._level = level
-        leans = self._leans(grip, np.nan_to_num(rows.look[:, SPEED]))
+        leans = self._leans.at(np.nan_to_num(rows.look[:, SPEED]), grip)
         return self.law.commands(seen, targets, leans, rates, delays)
 
     def state_dict(self) -> dict[str, Any]:
@@ -285,14 +325,30 @@ class AdaptiveLaw:
             self.law.change(row, self._plans[row].on(float(self._level[row])), stored["law"][row, :SEEN])
         self.law.memory[...] = stored["law"]
 
-    def _leans(self, grip: FloatArray, speed: FloatArray) -> FloatArray:
-        """Return the largest lean that each machine may request, rad: the one that the grip holds."""
-        leans = np.full(len(speed), self._settings.largest_lean)
-        for row in np.flatnonzero(grip < 1.0 - 0.5 * LEVEL):
-            most = HELD * grip[row] * float(np.interp(speed[row], self._limits.speeds, self._limits.lateral_max))
-            table = self.law.leans
-            leans[row] = min(leans[row], float(np.interp(most, table.row(float(speed[row])), table.leans)))
-        return leans
+
+@njit(cache=True)
+def _held_leans(
+    speed: FloatArray, grip: FloatArray, leans: FloatArray, speeds: FloatArray, lateral: FloatArray, rows: FloatArray,
+    table: FloatArray, columns: FloatArray,
+) -> None:  # fmt: skip
+    """Lower largest leans to those with which a machine turns as hard as less grip holds.
+
+    Args:
+        speed: of the machines, m/s.
+        grip: inferred.
+        leans: largest ones, rad; changed in place.
+        speeds: of `lateral`, m/s.
+        lateral: largest lateral acceleration of the known road, m/s^2.
+        rows: speeds of the steady turns, m/s, evenly spaced.
+        table: their lateral accelerations, m/s^2.
+        columns: their leans, rad.
+    """
+    for row in np.flatnonzero(grip < 1.0 - 0.5 * LEVEL):
+        most = HELD * grip[row] * np.interp(speed[row], speeds, lateral)
+        u = (min(max(speed[row], rows[0]), rows[-1]) - rows[0]) / (rows[1] - rows[0])
+        i = min(int(u), len(rows) - 2)
+        turning = table[i] + (u - i) * (table[i + 1] - table[i])
+        leans[row] = min(leans[row], np.interp(most, turning, columns))
 
 
 @njit(cache=True)

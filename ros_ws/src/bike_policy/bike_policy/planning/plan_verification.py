@@ -152,16 +152,27 @@ def verified_plan(vehicle: Superbike, line: Course, settings: RiderSettings, per
             return plan
         return plan_line(vehicle, line, settings, np.where(share < 1.0, share * plan.profile.speed[:-1], np.inf))
 
-    def lower(share: FloatArray, tried: LinePlan, end: FloatArray, number: int) -> None:
-        # a rider who arrives too fast however slow the place is planned has to begin braking further ahead
-        near = _points_before(tried.profile, end, 1 + number // PATIENCE)
-        share[near] = np.maximum(SLOWER * share[near], SLOWEST)
-
     def rider(tried: LinePlan) -> BatchRider:
         return PlanFollower(vehicle, period, settings, tried, paces)
 
     key, share = repr((settings, period)).encode(), np.ones(len(plan.profile.s) - 1)
-    return slower(Rollouts(vehicle, line, period).corrected(share, slower, lower, rider, plan, key, len(paces), STARTS))
+    return slower(
+        Rollouts(vehicle, line, period).corrected(share, slower, lower_before, rider, plan, key, len(paces), STARTS)
+    )
+
+
+def lower_before(share: FloatArray, tried: LinePlan, end: FloatArray, number: int) -> None:
+    """Ask for less speed before the place where a ride ended.
+
+    Args:
+        share: of the first plan's speed, at the points of its profile but the last; changed in place.
+        tried: plan that was ridden.
+        end: arc length (m) and speed (m/s) at the end of the ride.
+        number: of the round, from 0 on.
+    """
+    # a rider who arrives too fast however slow the place is planned has to begin braking further ahead
+    near = _points_before(tried.profile, end, 1 + number // PATIENCE)
+    share[near] = np.maximum(SLOWER * share[near], SLOWEST)
 
 
 def verified_margin(
@@ -209,7 +220,7 @@ def _points_before(profile: LapLimit, end: FloatArray, longer: int = 1) -> NDArr
 
 def _key(vehicle: Superbike, line: Course, plan: LinePlan, rider: bytes) -> str:
     """Return the hash over everything that a verification depends on."""
-    digest = hashlib.sha256(_sources())
+    digest = hashlib.sha256(sources_digest())
     with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
         digest.update(repr(vehicle).encode())
     digest.update(rider)
@@ -219,7 +230,7 @@ def _key(vehicle: Superbike, line: Course, plan: LinePlan, rider: bytes) -> str:
 
 
 @cache
-def _sources() -> bytes:
+def sources_digest() -> bytes:
     """Return the hash over the code that rides; what a changed one does has to be verified anew."""
     digest = hashlib.sha256()
     for package in (course, physics, sim, contract, planning):

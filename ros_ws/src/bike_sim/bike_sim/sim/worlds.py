@@ -2,12 +2,14 @@
 
 `world:N` names the Nth. A world is what no rider is told: grip of the road and of patches, mass, power, damper,
 bumps, wind, and the delay of commands. Numbers below `JUDGED` are there to learn on, the others to judge by.
+
+The ride of a world (`draw_ride`) adds what a rider is told: machine, circuit and start.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -41,6 +43,20 @@ WIND: Final = (2.0, 12.0)
 GUSTS: Final = 0.2
 DELAYS: Final = (0.0, 0.0, 0.02, 0.04)
 """Delays of commands, s, each as likely as the others."""
+MACHINES: Final = ("panigale_v4r", "zx10rr", "cbr1000rr_r", "r1", "m1000rr", "gsxr1000")
+"""Superbikes of the rides. The circuits take them in turn: lines and plans are made for each pair, so pairs are few."""
+RIGID_ONLY: Final = ("gsxr1000",)
+SUSPENDED_EACH: Final = 4
+"""Of so many circuits the last has the suspended variant of its machine, where there is one."""
+CIRCUITS: Final = ("barcelona", "cremona", "phillip_island")
+RANDOM_CIRCUITS: Final = (22, 1000, 2000)
+"""Number of random circuits beside these, and the first of them below `JUDGED` and from there on."""
+STARTS: Final = 32
+"""Rides that meet disturbances by name."""
+GOLDEN: Final = 0.6180339887
+"""The golden ratio spreads the speeds of these evenly."""
+START_SHARES: Final = (0.5, 0.9)
+"""Interval of the speed of a start, as a part of the theoretical one at its place."""
 
 
 def draw_world(number: int) -> Disturbances:
@@ -73,6 +89,80 @@ def draw_world(number: int) -> Disturbances:
         vehicle=vehicle,
         road=road,
     )
+
+
+class WorldRide(NamedTuple):
+    """A ride of a world, as its rider is told it, and what nobody tells.
+
+    Attributes:
+        number: of the world.
+        vehicle: name of the machine.
+        circuit: name of the circuit.
+        place: of the start, as a part of the lap.
+        share: speed of the start as a part of the theoretical one there.
+        disturbances: the world.
+    """
+
+    number: int
+    vehicle: str
+    circuit: str
+    place: float
+    share: float
+    disturbances: Disturbances
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """Name of the world and number of the ride."""
+        return self.disturbances.name, self.number
+
+    @property
+    def world(self) -> tuple[str, str, str]:
+        """Machine, circuit and name of the world, which rides from other starts share."""
+        return self.vehicle, self.circuit, self.disturbances.name
+
+
+def draw_ride(number: int) -> WorldRide:
+    """Return the ride of a world.
+
+    Raises:
+        ValueError: the number is negative or too large.
+    """
+    disturbances = draw_world(number)
+    rng = np.random.default_rng([number, 2027])
+    count, *firsts = RANDOM_CIRCUITS
+    first = firsts[number >= JUDGED]
+    place = int(rng.integers(len(CIRCUITS) + count))
+    circuit = CIRCUITS[place] if place < len(CIRCUITS) else f"random_circuit:{first + place - len(CIRCUITS)}"
+    vehicle = MACHINES[place % len(MACHINES)]
+    if place % SUSPENDED_EACH == SUSPENDED_EACH - 1 and vehicle not in RIGID_ONLY:
+        vehicle += "_suspended"
+    return WorldRide(number, vehicle, circuit, float(rng.random()), float(rng.uniform(*START_SHARES)), disturbances)
+
+
+def load_rides(names: Sequence[str]) -> list[WorldRide]:
+    """Return rides by names: a number of judged worlds, the numbers of the first and the last one, or disturbances.
+
+    Args:
+        names: each as ``200`` for the worlds 1000 to 1199, ``0-59``, or the name or file of disturbances, which
+            `STARTS` rides meet that begin evenly around the first circuit, on the first machine.
+
+    Raises:
+        ValueError: numbers that name no world, or see `load_disturbances`. FileNotFoundError: there is no such file.
+    """
+    found = []
+    for name in names:
+        first, dash, last = name.partition("-")
+        if name.isdecimal():
+            found += [draw_ride(number) for number in range(JUDGED, JUDGED + _whole(name, name))]
+        elif dash and first.isdecimal():
+            found += [draw_ride(number) for number in range(_whole(first, name), _whole(last, name) + 1)]
+        else:
+            known = load_disturbances(name)
+            low, high = START_SHARES
+            for start in range(STARTS):
+                share = low + (high - low) * (start * GOLDEN % 1.0)
+                found.append(WorldRide(start, MACHINES[0], CIRCUITS[0], (start + 0.5) / STARTS, share, known))
+    return found
 
 
 def world_of(name: str) -> Disturbances | None:
