@@ -172,5 +172,7 @@ def test_what_a_bicycle_does_not_measure_is_refused(tmp_path: Path) -> None:
         rider = DisturbedRider(Stub(), replace(known, name="odd"))
         with pytest.raises(ValueError, match=r"'odd' have (yaw_rate|position_hz), which are a superbike's"):
             rider.begin(load_vehicle("whipple"), None, 0.05, Preview())  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="only superbikes have instruments"):
+        Instruments([Disturbances(noise={"roll": 0.1})], [load_vehicle("whipple")], 0.05)
     with pytest.raises(ValueError, match=r"position_hz of 7\.0 is not once in a whole number of control periods"):
         Instruments([Disturbances(position_hz=7.0)], [load_superbike("r1")], 0.02)

@@ -16,6 +16,7 @@ from bike_sim.course.road import WetPatch
 from bike_sim.physics import state as st
 from bike_sim.physics.bicycle.whipple import energy, mass_matrix
 from bike_sim.physics.engines import make_engine
+from bike_sim.physics.ground import GROUND
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
@@ -30,7 +31,7 @@ from bike_sim.sim.disturbances import (
     shipped_disturbances,
 )
 from bike_sim.sim.followed_line import FollowedLine
-from bike_sim.sim.ground import GRIP
+from bike_sim.sim.ground import GRIP, lay_ground
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_superbike, load_vehicle, shipped_superbikes
@@ -322,6 +323,20 @@ def test_a_road_differs_from_the_circuit_that_is_known(courses: dict[str, str]) 
     np.testing.assert_array_equal(ridden.road.table[:, GRIP], changes.surface(track.surface).grip(track.centre.s))
     read = read_disturbances(Disturbances(road=changes).to_text(), "again")
     assert read.road == changes
+
+
+def test_grip_drifts_over_laps_and_never_ends(courses: dict[str, str]) -> None:
+    track = load_track(courses["circuit file"])
+    known = FollowedLine(track, 0.0)
+    grounds = np.zeros(1, dtype=GROUND)
+    for drift, laps, expected in ((0.0, 2.5, 0.9), (-0.1, 0.0, 0.9), (-0.1, 2.5, 0.9 * 0.75), (-0.5, 7.0, 0.09)):
+        road = known.changed(RoadChanges(0.9, drift_per_lap=drift)).road
+        place = np.array([laps * track.length, 0.0, (laps + 1.0) * track.length, 0.0])
+        lay_ground(0.0, 0.0, 0.0, 0.0, place, 0.0, road, grounds)
+        assert grounds["rear"]["grip"][0] == pytest.approx(expected)
+        assert grounds["front"]["grip"][0] == pytest.approx(max(expected + 0.9 * drift, 0.09))
+    with pytest.raises(ValueError, match=r"drift_per_lap must lie in \[-0.5, 0.5\], got -0.6"):
+        RoadChanges(drift_per_lap=-0.6)
 
 
 def test_changes_of_a_road_need_a_superbike_on_a_circuit() -> None:

@@ -20,6 +20,7 @@ from bike_policy.contract.observation import Rows, VehicleRows
 from bike_sim.schema import LIMITS, LOOK, SIGNALS, STATE
 from bike_sim.sim.disturbances import MACHINE_CHANNELS, TYRE_SIGNALS, Disturbances
 from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
 
@@ -133,6 +134,11 @@ class Instruments:
         count = len(disturbances)
         for known, vehicle in zip(disturbances, vehicles, strict=True):
             known.check_sensors(vehicle)
+            if known.acts_on_sensors and not isinstance(vehicle, Superbike):
+                raise ValueError(
+                    f"disturbances {known.name!r} have errors of sensors, and beside others only superbikes have "
+                    f"instruments, not {vehicle.name!r}"
+                )
         self._disturbances = list(disturbances)
         self.queue = CommandQueue.of(disturbances, period)
         self._noise = np.array([known.errors(known.noise) for known in disturbances])
