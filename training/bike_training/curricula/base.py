@@ -87,7 +87,12 @@ class Curriculum(ABC):
 
     @property
     def asks_for_stability(self) -> bool:
-        """Whether a validation counts only with an actor whose closed loop is stable."""
+        """Whether a part is passed only with an actor whose closed loop is stable."""
+        return False
+
+    @property
+    def compares_stability(self) -> bool:
+        """Whether actors whose closed loop is stable are selected before all others."""
         return False
 
     def ended(self, episode: EndedEpisode) -> None:  # noqa: B027

@@ -82,8 +82,8 @@ class PartsSettings(CurriculumSettings):
         sharp: whether a third of the rides of the last part each are FAST_AND_SHARP and SLOW_AND_SHARP.
         last_speeds: rides of a validation of the last part, at so many even speeds with both ends, so that none is left
             out by luck; 0 for VALIDATION_RIDES at random speeds, as published.
-        stable: whether validations of the last part, and comparisons of actors after it, ask for a closed loop that is
-            stable about steady rides as well: an actor may ride all paths and swing about a straight.
+        stable: whether the last part is passed only with a closed loop that is stable about steady rides as well: an
+            actor may ride all paths and swing about a straight.
         validate_every: least learning steps between two validations.
         select_every: learning steps between two comparisons of actors once the curriculum is finished.
     """
@@ -125,6 +125,11 @@ class PartsCurriculum(Curriculum):
     def asks_for_stability(self) -> bool:
         """Whether it does in this part."""
         return self._settings.stable and self.part >= PARTS
+
+    @property
+    def compares_stability(self) -> bool:
+        """Bicycles have steady rides."""
+        return True
 
     def may_validate(self, step: int) -> bool:
         """Return whether the intervals no longer grow; while they do no validation is made."""

@@ -368,8 +368,9 @@ class LearningProcess(BaseCallback):
         step, part, actor = self.model.num_timesteps, curriculum.part, self.actor()
         requests = curriculum.validation_requests(task.preview, progress.rng)
         errors = self._side_by_side(len(requests)).errors(actor, requests)
-        succeeded = curriculum.passes(errors) and self._is_stable_enough(actor)
-        passed = succeeded and curriculum.validated(step, errors)
+        succeeded = curriculum.passes(errors)
+        stable = not (succeeded and curriculum.asks_for_stability) or self._is_stable(actor)
+        passed = stable and curriculum.validated(step, errors)
         mean, largest = float(np.mean(errors) * task.largest_error), max(errors) * task.largest_error
         progress.recent_error_m, progress.validated_at, progress.validation_due = mean, step, False
         if succeeded:
@@ -389,10 +390,8 @@ class LearningProcess(BaseCallback):
         if every and (last or (len(progress.validations) - 1) % every == 0):
             self._record(actor, requests[0], step, part)
 
-    def _is_stable_enough(self, actor: Actor) -> bool:
-        """Return whether the closed loop of an actor is stable, where the curriculum asks for it."""
-        if not self.progress.curriculum.asks_for_stability:
-            return True
+    def _is_stable(self, actor: Actor) -> bool:
+        """Return whether the closed loop of an actor is stable."""
         config, task, name = self.settings.compiled_simulator(), self.task, self.settings.vehicle
         vehicle = load_vehicle(name)
         layout = self.settings.preset.deployed_layout
@@ -438,7 +437,8 @@ class LearningProcess(BaseCallback):
         requests = progress.curriculum.selection_requests(task.preview)
         config, machines = self.settings.compiled_simulator(), self.settings.machines
         error = task.selection_error(*ride_side_by_side(actor, task, config, requests, machines=machines))
-        if error < progress.best_error_m and not self._is_stable_enough(actor):
+        better = error < progress.best_error_m
+        if better and progress.curriculum.compares_stability and not self._is_stable(actor):
             error += task.largest_error  # behind each one that is
         if error < progress.best_error_m:
             progress.best, progress.best_error_m, progress.best_step = actor, error, step
