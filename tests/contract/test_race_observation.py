@@ -20,7 +20,7 @@ from bike_policy.contract.observation import (
 )
 from bike_policy.contract.reference import GRIPS, KEPT, OPEN, Reference, ReferenceRows
 from bike_policy.riders.racing import RaceInterface
-from bike_sim.schema import LOOK, SIGNALS, STATE
+from bike_sim.schema import LOOK, OPPONENT, SIGNALS, STATE
 from bike_sim.vehicles.files import load_vehicle
 from tests.circuits import circle
 
@@ -41,7 +41,8 @@ def drawn(rng, count, width=12.0):
     points[:, :, :, 1] += rng.uniform(-3.0, 3.0, count)[:, None, None]
     signals = rng.normal(size=(count, len(SIGNALS)))
     circuit = rng.uniform(-2.0, 8.0, (count, 8))
-    return Rows(state, look, np.zeros((count, 20)), signals, circuit, points, np.zeros(count, dtype=bool))
+    others = rng.normal(size=(count, 5, 5)) * [1.0, 30.0, 3.0, 10.0, 3.0]
+    return Rows(state, look, np.zeros((count, 20)), signals, circuit, points, np.zeros(count, dtype=bool), others)
 
 
 def mirrored(rows):
@@ -52,6 +53,7 @@ def mirrored(rows):
         signals=rows.signals * SIGNALS.mirror_signs,
         circuit=rows.circuit[:, [1, 0, 3, 2, 4, 5, 6, 7]],
         points=points,
+        opponents=rows.opponents[:, [0, 1, 3, 2, 4]] * OPPONENT.mirror_signs,
     )
 
 

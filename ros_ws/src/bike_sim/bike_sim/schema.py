@@ -142,6 +142,20 @@ LIMITS: Final = Schema(
 )
 """Relation to the limits of a circuit. In the mirror image the left margins take the place of the right ones."""
 
+OPPONENT_SLOTS: Final = ("ahead_1", "ahead_2", "left", "right", "behind")
+"""Nearest others that a machine of a race sees: two ahead, one on either side, one behind."""
+
+OPPONENT: Final = Schema(
+    (
+        Quantity("present", FLAG, 1, "whether there is one"),
+        Quantity("x", "m", 1, "its rear contact point, base_footprint"),
+        Quantity("y", "m", -1, "its rear contact point, base_footprint"),
+        Quantity("vx", "m/s", 1, "its velocity relative to the own one, along the own heading"),
+        Quantity("vy", "m/s", -1, "its velocity relative to the own one, to the left of the own heading"),
+    )
+)
+"""What is seen of each; zeros where there is none."""
+
 SUSPENSION: Final = Schema(
     (
         Quantity("fork_travel", "m", 1, "of the fork from the standing machine's, positive pressed together"),

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.reference import ReferenceRows
-from bike_sim.schema import GRAVITY, LIMITS, LOOK, SIGNALS, STATE
+from bike_sim.schema import GRAVITY, LIMITS, LOOK, OPPONENT, OPPONENT_SLOTS, SIGNALS, STATE
 
 FloatArray = NDArray[np.float64]
 
@@ -63,6 +63,7 @@ class VehicleRows(Protocol):
         circuit: position between the limits, shape (n, 8); zeros without a circuit.
         points: followed line and limits ahead, m, shape (n, 3, STATIONS, 3); zeros without a circuit.
         fallen: whether a ride is over, shape (n,).
+        opponents: nearest others in a race, in the order of OPPONENT_SLOTS and OPPONENT, shape (n, 5, 5); zeros alone.
     """
 
     @property
@@ -79,6 +80,12 @@ class VehicleRows(Protocol):
     def points(self) -> FloatArray: ...  # noqa: D102
     @property
     def fallen(self) -> NDArray[np.bool_]: ...  # noqa: D102
+    @property
+    def opponents(self) -> FloatArray: ...  # noqa: D102
+
+
+_ALONE: Final = np.zeros((1, len(OPPONENT_SLOTS), len(OPPONENT)))
+_ALONE.setflags(write=False)
 
 
 class Rows(NamedTuple):
@@ -91,6 +98,7 @@ class Rows(NamedTuple):
     circuit: FloatArray
     points: FloatArray
     fallen: NDArray[np.bool_]
+    opponents: FloatArray = _ALONE
 
     @classmethod
     def of_path(cls, state: FloatArray, look: FloatArray, preview_y: FloatArray) -> Rows:
@@ -318,6 +326,9 @@ def _stations(s: TermInputs) -> FloatArray:
     return np.concatenate((lean / 1.2, (target - speed) / 20.0), axis=1)
 
 
+_OPPONENT_NAMES: Final = tuple(f"{slot}_{name}" for slot in OPPONENT_SLOTS for name in OPPONENT.names)
+
+
 def _line(s: TermInputs) -> FloatArray:
     heading = s.look(HEADING_ERROR)
     return _stack(np.sin(heading), np.cos(heading), s.look(LATERAL_ERROR))
@@ -392,6 +403,11 @@ RACE_TERMS: Final[Mapping[str, Term]] = {
     "grip": Term(
         "1", lambda s: s.memory.grip - (1.0, 1.0, 0.0), 1.0, (0.2, 0.2, 0.1),
         names=("grip_expected", "grip_inferred", "grip_deviation"),
+    ),
+    "opponents": Term(
+        "1, m, m, m/s, m/s", lambda s: s.rows.opponents.reshape(len(s.rows.opponents), -1),
+        tuple(OPPONENT.mirror_signs.tolist()) * len(OPPONENT_SLOTS),
+        (1.0, 100.0, 10.0, 30.0, 10.0) * len(OPPONENT_SLOTS), names=_OPPONENT_NAMES,
     ),
     "machine": Term("1", lambda s: np.tile(s.memory.vehicle, (len(s.speed), 1)), names=DESCRIPTOR),
 }  # fmt: skip
@@ -685,7 +701,10 @@ GUIDED: Final = replace(COMPACT, name="guided", terms=(*COMPACT.terms, "guide"))
 CONDITIONED: Final = replace(GUIDED, name="conditioned", terms=(*GUIDED.terms, "machine"))
 """The same, and the descriptor of the vehicle: for one policy of many vehicles."""
 
+WHEEL_TO_WHEEL: Final = replace(CONDITIONED, name="wheel_to_wheel", terms=(*CONDITIONED.terms, "opponents"))
+"""The same, and the nearest others: for races with them."""
+
 RACE_LAYOUTS: Final[Mapping[str, ObservationLayout]] = {
-    layout.name: layout for layout in (COMPACT, ADAPTIVE, GUIDED, CONDITIONED, PAPER_RACE)
+    layout.name: layout for layout in (COMPACT, ADAPTIVE, GUIDED, CONDITIONED, WHEEL_TO_WHEEL, PAPER_RACE)
 }
 """Layouts of races by name."""

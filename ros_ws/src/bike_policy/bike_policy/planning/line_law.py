@@ -200,9 +200,9 @@ class LineLaw:
             plan: from now on.
             observed: of the ride, shape (SEEN,).
         """
-        before = _at(self._plans, row, P_SPEED, observed[PROGRESS])
+        before = plan_at(self.plans, row, P_SPEED, observed[PROGRESS])
         self._lines.begin(row, plan)
-        after = _at(self._plans, row, P_SPEED, observed[PROGRESS])
+        after = plan_at(self.plans, row, P_SPEED, observed[PROGRESS])
         self.memory[row, PACE] = (1.0 + self.memory[row, PACE]) * before / max(after, 1.0) - 1.0
 
     def commands(
@@ -227,11 +227,12 @@ class LineLaw:
         leans = np.full(len(observed), self._law.largest_lean) if leans is None else leans
         rates = np.full(len(observed), np.nan) if rates is None else rates
         delays = np.zeros(len(observed)) if delays is None else delays
-        _answer(observed, targets, leans, rates, delays, self.memory, self._law, self._tables, self._plans)
+        _answer(observed, targets, leans, rates, delays, self.memory, self._law, self._tables, self.plans)
         return self.memory[:, STEERING:OFFSET].copy()
 
     @property
-    def _plans(self) -> Plans:
+    def plans(self) -> Plans:
+        """The plans of all rides as compiled code reads them."""
         lines = self._lines
         return lines.samples, lines.offset, lines.last, lines.spacing
 
@@ -269,7 +270,7 @@ def _answer(
 @njit(cache=True)
 def _approach(observed: FloatArray, memory: FloatArray, target: FloatArray, law: _Law, plans: Plans, row: int) -> None:
     """Move towards the targets: critically damped to the line, with one lag to the speed."""
-    pace = min(target[1], _at(plans, row, P_FASTER, observed[PROGRESS]))
+    pace = min(target[1], plan_at(plans, row, P_FASTER, observed[PROGRESS]))
     memory[PACE] += (1.0 - math.exp(-law.period / TARGET_TIME)) * (pace - memory[PACE])
     rate = 1.0 / TARGET_TIME
     aim = _within_limits(observed, target[0], plans, row)
@@ -284,14 +285,16 @@ def _within_limits(observed: FloatArray, offset: float, plans: Plans, row: int) 
     size = abs(offset)
     for look in range(LOOKS + 1):
         distance = observed[SPEED] * CLEARING * look / LOOKS
-        size = min(size, _at(plans, row, column, observed[PROGRESS] + distance))
+        size = min(size, plan_at(plans, row, column, observed[PROGRESS] + distance))
     return math.copysign(size, offset)
 
 
 @njit(cache=True)
 def _catch_up(observed: FloatArray, memory: FloatArray, law: _Law, plans: Plans, row: int) -> None:
     """Remember how much speed is missing, and how fast the machine catches up."""
-    missing = (1.0 + memory[PACE]) * _at(plans, row, P_SPEED, observed[PROGRESS]) - _rolled(observed, law, plans, row)
+    missing = (1.0 + memory[PACE]) * plan_at(plans, row, P_SPEED, observed[PROGRESS]) - _rolled(
+        observed, law, plans, row
+    )
     elapsed = _elapsed(observed, memory, law)
     if elapsed == 0.0:
         memory[CLOSING] = 0.0
@@ -324,12 +327,12 @@ def _caught(memory: FloatArray, ahead: float) -> float:
 @njit(cache=True)
 def _bend(memory: FloatArray, plans: Plans, row: int, s: float) -> float:
     """Return the curvature of the line that lies beside the planned one, 1/m."""
-    curvature = _at(plans, row, P_CURVATURE, s)
+    curvature = plan_at(plans, row, P_CURVATURE, s)
     return curvature / max(0.5, 1.0 - curvature * memory[OFFSET])
 
 
 @njit(cache=True)
-def _at(plans: Plans, row: int, column: int, s: float) -> float:
+def plan_at(plans: Plans, row: int, column: int, s: float) -> float:
     """Return a column of a ride's plan at an arc length of any lap."""
     table, offset, last, spacing = plans
     u = (s % (spacing[row] * (last[row] + 1))) / spacing[row]
@@ -363,9 +366,9 @@ def _turning_row(speed: float, tables: Tables) -> FloatArray:
 @njit(cache=True)
 def _wanted(observed: FloatArray, memory: FloatArray, plans: Plans, row: int, ahead: float) -> float:
     """Return the lateral acceleration that the line requires after a time, m/s^2."""
-    here = _at(plans, row, P_SPEED, observed[PROGRESS])
+    here = plan_at(plans, row, P_SPEED, observed[PROGRESS])
     s = observed[PROGRESS] + observed[SPEED] * ahead
-    planned = (1.0 + memory[PACE]) * (_at(plans, row, P_SPEED, s) - here)
+    planned = (1.0 + memory[PACE]) * (plan_at(plans, row, P_SPEED, s) - here)
     speed = max(1.0, observed[SPEED] + planned + _caught(memory, ahead))
     return _bend(memory, plans, row, s) * speed**2
 
@@ -374,7 +377,7 @@ def _wanted(observed: FloatArray, memory: FloatArray, plans: Plans, row: int, ah
 def _load(observed: FloatArray, law: _Law, plans: Plans, row: int, ahead: float) -> float:
     """Return the load after a time by that on level ground: less over a crest, more in a dip."""
     s = observed[PROGRESS] + observed[SPEED] * ahead
-    return max(0.3, 1.0 + _at(plans, row, P_CREST, s) * observed[SPEED] ** 2 / law.gravity)
+    return max(0.3, 1.0 + plan_at(plans, row, P_CREST, s) * observed[SPEED] ** 2 / law.gravity)
 
 
 @njit(cache=True)
@@ -441,7 +444,7 @@ def _steer(
 def _rolled(observed: FloatArray, law: _Law, plans: Plans, row: int) -> float:
     """Return the speed of the contacts, m/s: the frame leans inwards and is slower on a tight line."""
     inside = -law.above * math.sin(observed[ROLL])
-    return observed[SPEED] / max(0.5, 1.0 - _at(plans, row, P_CURVATURE, observed[PROGRESS]) * inside)
+    return observed[SPEED] / max(0.5, 1.0 - plan_at(plans, row, P_CURVATURE, observed[PROGRESS]) * inside)
 
 
 @njit(cache=True)
@@ -457,8 +460,8 @@ def _throttle(
     pace = 1.0 + memory[PACE]
     missing = memory[MISSING]
     missing *= margin if missing > 0.0 else 1.0
-    acceleration = pace**2 * _at(plans, row, P_LONGITUDINAL, s) + law.speed_gain * missing
-    hill = law.weight * _at(plans, row, P_GRADE, s)
+    acceleration = pace**2 * plan_at(plans, row, P_LONGITUDINAL, s) + law.speed_gain * missing
+    hill = law.weight * plan_at(plans, row, P_GRADE, s)
     force = law.mass * acceleration + law.drag * observed[SPEED] ** 2 + law.rolling + hill
     if force >= 0.0:
         most = _between(observed[SPEED], tables[1], tables[3])

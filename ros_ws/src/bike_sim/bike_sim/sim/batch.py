@@ -19,15 +19,17 @@ from bike_sim.course.course import Course
 from bike_sim.course.lap_timing import LapLog, Timing
 from bike_sim.course.track import Track
 from bike_sim.physics.ground import Ground, flat_ground
+from bike_sim.schema import OPPONENT, OPPONENT_SLOTS
 from bike_sim.sim import look as lk
 from bike_sim.sim.beginning import Beginning, Courses, begin, own_speed
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances
 from bike_sim.sim.events import ENDS, Event, WallHit, events_of, reset_event
-from bike_sim.sim.observation import begin_row, call, make_rows, observe_row, observe_rows
+from bike_sim.sim.observation import WALL_HOLD, begin_row, call, make_rows, observe_row, observe_rows
 from bike_sim.sim.plant import Plant, make_plant
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.slots import bytes_of, make_slot
+from bike_sim.sim.traffic import INCIDENT, forget, make_traffic, meet
 from bike_sim.vehicles.bicycle import Vehicle
 
 FloatArray = NDArray[np.float64]
@@ -41,6 +43,8 @@ _KEPT: Final = ("state", "signals", "fall", "ground", "ride", "views", "preview"
 """Fields of the rows in a checkpoint; the rest follows from the requests."""
 _PREPARED: Final = ("around", "road_facts", "ride", "ground")
 """Records of a row that a reset makes anew."""
+_MET: Final = ("bodies", "racing", "opponents", "ahead", "overlap")
+"""Fields of the traffic in a checkpoint."""
 _LEVEL: Final = flat_ground()
 _LEVEL_BYTES: Final = _LEVEL.record.view(np.uint8)
 
@@ -59,6 +63,11 @@ class Batch:
         circuit: position relative to the limits, in the order of `schema.LIMITS`, shape (n, k).
         points: course points, shape (n, 3, lk.STATIONS, 3).
         rows: all that the compiled step knows of the rows.
+        traffic: what the rows know of each other; None where each rides as if alone.
+        incidents: what happened between rows in the last step, columns of `traffic.INCIDENT`.
+        opponents: nearest others of each row, shape (n, slots, numbers), see `schema.OPPONENT_SLOTS` and
+            `schema.OPPONENT`;
+            zeros where each rides as if alone.
         episodes: number of each row's episode; 0 before the first.
         disturbances: of each row.
     """
@@ -70,6 +79,7 @@ class Batch:
         preview: Preview | None = None,
         disturbances: Disturbances | Sequence[Disturbances] | None = None,
         vehicles: Sequence[str | Vehicle] | None = None,
+        together: bool = False,
     ) -> None:
         """Make room for a number of vehicles.
 
@@ -81,6 +91,7 @@ class Batch:
             disturbances: of what is ridden, drawn for each row anew, or those of each row; those of what a rider sees
                 are not the batch's.
             vehicles: name, file or parameters of each row's vehicle, where they are not the config's.
+            together: whether rows meet on the circuit that all of them ride; see `bike_sim.sim.traffic`.
 
         Raises:
             ValueError: an invalid parameter, or a wrong number of vehicles or disturbances.
@@ -131,6 +142,11 @@ class Batch:
         self._logs = [LapLog() for _ in range(count)]
         self.episodes = [0] * count
         self._events: dict[int, tuple[Event, ...]] = {}
+        self.traffic = make_traffic(count) if together else None
+        self.opponents = np.zeros((count, len(OPPONENT_SLOTS), len(OPPONENT)))
+        if self.traffic is not None:
+            self.opponents = self.traffic.opponents
+        self.incidents = np.zeros((0, len(INCIDENT)))
 
     def _describe(self, index: int, plant: Plant) -> None:
         """Write what a row's vehicle is."""
@@ -228,7 +244,8 @@ class Batch:
 
     def wall(self, index: int) -> WallHit | None:
         """Return the touch of a wall in the last step, or the one that ended the ride, or None."""
-        return WallHit(*self._hit[index].tolist()) if self._stopped[index] or self._touched[index] else None
+        at_wall = self._stopped[index] == WALL_HOLD or self._touched[index] == 1
+        return WallHit(*self._hit[index].tolist()) if at_wall else None
 
     def events(self, index: int) -> tuple[Event, ...]:
         """Return what happened to a row in the last step, or with its reset after it, in the order of time."""
@@ -245,6 +262,10 @@ class Batch:
     def plant(self, index: int) -> Plant:
         """Return a row's vehicle with the engine that begins its rides."""
         return self._plants[index]
+
+    def request(self, index: int) -> ResetRequest | None:
+        """Return the request of a row's episode; None before the first."""
+        return self._requests[index]
 
     def begun(self, index: int) -> Beginning | None:
         """Return how a row's episode began; None before the first."""
@@ -307,6 +328,8 @@ class Batch:
         self._requests[index], self._begun[index], self._logs[index] = request, begun, LapLog()
         self._start_row(index, plant, begun)
         self.episodes[index] += 1
+        if self.traffic is not None:
+            forget(self.traffic, index)
         progress = self.place[index, lk.CENTRE_PROGRESS] if begun.followed else self.look[index, lk.PROGRESS]
         opening = reset_event(self.episodes[index], begun.course, begun.track, float(progress))
         self._events[index] = (opening, *self._events_of(index))
@@ -366,6 +389,19 @@ class Batch:
         self._events = {}
         if call(observe_rows, self._period, rows, self._kept):
             self._events = {index: self._events_of(index) for index in np.flatnonzero(rows.event_count).tolist()}
+        if self.traffic is not None:
+            self.incidents = self.traffic.incidents[: call(meet, self._period, rows, self.traffic)]
+
+    def meet(self) -> None:
+        """Let all rows see each other after their resets, before the first step.
+
+        Raises:
+            ValueError: rows that do not all ride the same circuit.
+        """
+        circuits = {None if begun is None or begun.track is None else begun.track.name for begun in self._begun}
+        if self.traffic is None or None in circuits or len(circuits) > 1:
+            raise ValueError("rows that meet ride one circuit, all of them, in a batch that is made for it")
+        call(meet, 0.0, self.rows, self.traffic)
 
     def state_dict(self) -> dict[str, Any] | None:
         """Return all that :meth:`restore` needs, as plain values and arrays; None where rides cannot be continued.
@@ -382,6 +418,7 @@ class Batch:
             "rows": {name: bytes_of(getattr(self.rows, name)).copy() for name in _KEPT},
             "slot": slot,
             "logs": [log.to_card() for log in self._logs],
+            **({} if self.traffic is None else {"traffic": {name: _bytes(self.traffic, name).copy() for name in _MET}}),
         }
 
     def restore(self, stored: dict[str, Any]) -> None:
@@ -397,6 +434,9 @@ class Batch:
                 self.reset(index, ResetRequest.from_card(card), vehicle)
         for name in _KEPT:
             bytes_of(getattr(self.rows, name))[...] = stored["rows"][name]
+        if self.traffic is not None:
+            for name in _MET:
+                _bytes(self.traffic, name)[...] = stored["traffic"][name]
         self._slot.restore(stored["slot"])
         self._logs = [LapLog.from_card(card) for card in stored["logs"]]
         self.episodes = list(stored["episodes"])
@@ -410,3 +450,7 @@ class Batch:
 
 def _name_of(vehicle: str | Vehicle) -> str:
     return vehicle if isinstance(vehicle, str) else vehicle.name
+
+
+def _bytes(traffic: Any, name: str) -> NDArray[Any]:
+    return bytes_of(getattr(traffic, name))

@@ -27,7 +27,10 @@ WALL: Final = "wall"
 DIVERGED: Final = "diverged"
 """The integration gave values that are not finite."""
 
-ENDS: Final = (*FALL_NAMES, WALL, DIVERGED)
+CONTACT: Final = "contact"
+"""Another vehicle threw it down."""
+
+ENDS: Final = (*FALL_NAMES, WALL, DIVERGED, CONTACT)
 """Ends of rides, by code; 0 while they go on."""
 
 CAUSE, SPEED, ANGLE, ENERGY = acc.NUMBER, acc.BEGAN, acc.OFF_TRACK, acc.DISTANCE

@@ -26,7 +26,7 @@ from bike_sim.physics.engine import compiled_entry
 from bike_sim.physics.ground import BUMP_SAMPLES, GROUND
 from bike_sim.schema import SIGNALS
 from bike_sim.sim import look as lk
-from bike_sim.sim.events import ANGLE, CAUSE, DIVERGED, ENDS, ENERGY, SPEED, TIPPED, WALL, EventKind
+from bike_sim.sim.events import ANGLE, CAUSE, CONTACT, DIVERGED, ENDS, ENERGY, SPEED, TIPPED, WALL, EventKind
 from bike_sim.sim.ground import COLUMNS, FACTS, GUST_SAMPLES, LEFT, RIGHT, Road, lay_ground, touch_of
 from bike_sim.vehicles.bicycle import PARAMETER_NAMES
 
@@ -36,6 +36,9 @@ IntArray = NDArray[np.int64]
 
 TIP_OVER: Final = ENDS.index(TIPPED)
 _WALL: Final = ENDS.index(WALL)
+_CONTACT: Final = ENDS.index(CONTACT)
+WALL_HOLD, CONTACT_HOLD = 1, 2
+"""What holds a vehicle: a wall, or a fall by the touch of another one."""
 LOST: Final = ENDS.index(DIVERGED)
 FALL_ROW, WALL_ROW, SCRAPE_ROW = int(EventKind.FALL), int(EventKind.WALL), int(EventKind.SCRAPE)
 
@@ -76,9 +79,9 @@ RIDE: Final = np.dtype(
         ("wall_energy", np.float64),
         ("hit", np.float64, (3,)),  # speed (m/s), angle (rad) and energy (J) of the last touch of a wall
         ("scrape", np.float64, (4,)),  # turn (rad), share of the speed that is left, move (m), see `ground.Touch`
-        ("touched", np.int64),  # whether a wall was touched in the last look and the ride goes on
+        ("touched", np.int64),  # whether a wall (1) or another vehicle (2) was touched and the ride goes on
         ("seen", np.int64),  # whether there was a look before
-        ("stopped", np.int64),  # whether a wall holds the vehicle
+        ("stopped", np.int64),  # WALL_HOLD or CONTACT_HOLD where the vehicle is held
         ("over", np.int64),  # whether the end of the ride was reported
         ("end", np.int64),  # its code
         ("off_course", np.int64),
@@ -263,7 +266,7 @@ def _around(rows: BatchState, i: int) -> Around:
 
 
 @njit(cache=True)
-def _on_circuit(rows: BatchState, i: int) -> OnCircuit:
+def row_circuit(rows: BatchState, i: int) -> OnCircuit:
     """Return the circuit of a row."""
     a = rows.around[i]
     table = array_at(a.table, tr.BANK + 1, a.samples)
@@ -325,7 +328,7 @@ def observe_row(i: int, time: float, rows: BatchState, kept: FloatArray) -> None
     out = Observed(rows.ground[i : i + 1], view, preview, rows.events[i])
     instant = (time, rows.fall[i])
     if on_circuit:
-        count = _observe_circuit(state, machine, instant, around, _on_circuit(rows, i), ride, out)
+        count = _observe_circuit(state, machine, instant, around, row_circuit(rows, i), ride, out)
     else:
         count = _observe_path(state, machine, instant, around, ride, out)
     if count < 0:
@@ -434,14 +437,17 @@ def _observe_circuit(
     limits[lk.OFF_TRACK_TIME], limits[lk.WALL_ENERGY] = ride.off_track_time, ride.wall_energy
     ride.off_course = 1 if beyond > 0.0 else 0
     ride.finished = 1 if look[lk.PROGRESS] >= ride.goal else 0
-    ride.end = _WALL if ride.stopped else fall
+    ride.end = fall
+    if ride.stopped:
+        ride.end = _WALL if ride.stopped == WALL_HOLD else _CONTACT
     if ride.end != 0 and not ride.over:
         ride.over = 1
         if time > 0.0:
             if ride.end == _WALL:
                 _write_touch(WALL_ROW, place[0], time, ride, rows[count])
             else:
-                _write_fall(state, look[lk.SPEED], place[0], time, ride.end, rows[count])
+                speed = ride.hit[0] if ride.stopped else look[lk.SPEED]
+                _write_fall(state, speed, place[0], time, ride.end, rows[count])
             count += 1
     if machine.rolling:
         lk.preview_line(state, machine, around.line, around.points, look, out.preview)
@@ -513,7 +519,7 @@ def _meet(state: FloatArray, speed: float, contact: int, machine: lk.Machine, ro
     energy = 0.5 * machine.mass * speed * speed
     ride.hit[0], ride.hit[1], ride.hit[2] = speed, touch.angle, energy
     ride.wall_energy += energy * math.sin(touch.angle) ** 2
-    ride.stopped = 1 if hit else 0
+    ride.stopped = WALL_HOLD if hit else 0
     if hit:
         return False
     ride.touched = 1
@@ -555,7 +561,7 @@ def begin_row(i: int, asked: float, near: float, s: float, rows: BatchState) -> 
         ride.near[0] = s
         ride.goal = s + around.line_length if around.line.closed else around.line_length - 1e-9
         return
-    circuit = _on_circuit(rows, i)
+    circuit = row_circuit(rows, i)
     x, y, yaw, centre = state[st.X], state[st.Y], state[st.YAW], circuit.lines.centre
     for contact in range(2):
         ahead = machine.parameters[_WHEELBASE] * contact

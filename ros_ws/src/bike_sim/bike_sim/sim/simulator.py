@@ -22,6 +22,67 @@ from bike_sim.sim.snapshot import CircuitView, Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
 
 
+class RowSnapshots:
+    """Snapshots of one row of a batch, with the history that they show."""
+
+    def __init__(self, batch: Batch, row: int) -> None:
+        """Take a row of a batch."""
+        self._batch, self._row = batch, row
+        self._last: Snapshot | None = None
+
+    def begin(self) -> Snapshot:
+        """Return the snapshot of a reset."""
+        history = self._batch.config.history
+        self._rolls: deque[float] = deque(maxlen=history)
+        self._steers: deque[float] = deque(maxlen=history)
+        return self.take(0, 0.0, 0.0)
+
+    def take(self, step: int, steering: float, throttle: float) -> Snapshot:
+        """Return the snapshot after a number of steps since the reset, and the command of the last one."""
+        self._last = self._snapshot(step, steering, throttle)
+        return self._last
+
+    def _snapshot(self, step: int, steering: float, throttle: float) -> Snapshot:
+        batch, rows, row = self._batch, self._batch.rows, self._row
+        begun, fall, events = batch.begun(row), batch.fall(row), batch.events(row)
+        time = step * batch.config.control_period
+        if fall == DIVERGED and step:
+            assert self._last is not None, "a ride begins finite"
+            return replace(self._last, step=step, time=time, fallen=True, fall=fall, events=events)
+        state, signals, circuit = rows.state[row].copy(), rows.signals[row].copy(), None
+        preview = rows.preview[row].copy()
+        if begun is None or begun.followed is None:
+            view = rows.views[row, : lk.PLACE].copy()
+        else:
+            view = rows.views[row].copy()
+            points = view[lk.POINTS :].reshape(3, lk.STATIONS, 3)
+            circuit = CircuitView(view[lk.PLACE : lk.CIRCUIT], view[lk.CIRCUIT : lk.POINTS], points, batch.wall(row))
+        self._rolls.append(float(state[st.ROLL]))
+        self._steers.append(float(state[st.STEER]))
+        off_course, finished = batch.flags(row)
+        return Snapshot(
+            episode=batch.episodes[row],
+            step=step,
+            time=time,
+            state=state,
+            look=view[: lk.PLACE],
+            steering=steering,
+            throttle=throttle,
+            steer_torque=batch.plant(row).steer_torque(steering, state, signals),
+            preview_x=preview[0],
+            preview_y=preview[1],
+            roll_history=tuple(self._rolls),
+            steer_history=tuple(self._steers),
+            fallen=fall != NO_FALL,
+            off_course=off_course,
+            finished=finished,
+            fall=fall,
+            signals=signals,
+            circuit=circuit,
+            events=events,
+        )
+
+
 class Simulator:
     """Rides one vehicle, bicycle or superbike, on paths and circuits.
 
@@ -48,6 +109,7 @@ class Simulator:
         self.request = ResetRequest()
         self.batch = Batch(1, self.config, disturbances=disturbances)
         self.plant: Plant = self.batch.plant(0)
+        self._shown = RowSnapshots(self.batch, 0)
         self._command = np.zeros((1, 2))
 
     @property
@@ -110,10 +172,7 @@ class Simulator:
         self.batch.reset(0, request)
         self.request = request
         self._step = 0
-        self._rolls: deque[float] = deque(maxlen=self.config.history)
-        self._steers: deque[float] = deque(maxlen=self.config.history)
-        self._last = self._snapshot(0.0, 0.0)
-        return self._last
+        return self._shown.begin()
 
     def step(self, steering: float, throttle: float = 0.0) -> Snapshot:
         """Hold both commands for one control period.
@@ -135,47 +194,8 @@ class Simulator:
         self._command[0, 0], self._command[0, 1] = steering, throttle
         self.batch.advance(self._command)
         self._step += 1
-        self._last = self._snapshot(steering, throttle)
-        return self._last
+        return self._shown.take(self._step, steering, throttle)
 
     def close(self) -> None:
         """Release the engine; a second call does nothing."""
         self.batch.close()
-
-    def _snapshot(self, steering: float, throttle: float) -> Snapshot:
-        batch, rows, begun = self.batch, self.batch.rows, self.begun
-        time, fall, events = self._step * self.config.control_period, batch.fall(0), batch.events(0)
-        if fall == DIVERGED and self._step:
-            return replace(self._last, step=self._step, time=time, fallen=True, fall=fall, events=events)
-        state, signals, circuit = rows.state[0].copy(), rows.signals[0].copy(), None
-        preview = rows.preview[0].copy()
-        if begun is None or begun.followed is None:
-            view = rows.views[0, : lk.PLACE].copy()
-        else:
-            view = rows.views[0].copy()
-            points = view[lk.POINTS :].reshape(3, lk.STATIONS, 3)
-            circuit = CircuitView(view[lk.PLACE : lk.CIRCUIT], view[lk.CIRCUIT : lk.POINTS], points, batch.wall(0))
-        self._rolls.append(float(state[st.ROLL]))
-        self._steers.append(float(state[st.STEER]))
-        off_course, finished = batch.flags(0)
-        return Snapshot(
-            episode=self.episode,
-            step=self._step,
-            time=time,
-            state=state,
-            look=view[: lk.PLACE],
-            steering=steering,
-            throttle=throttle,
-            steer_torque=self.plant.steer_torque(steering, state, signals),
-            preview_x=preview[0],
-            preview_y=preview[1],
-            roll_history=tuple(self._rolls),
-            steer_history=tuple(self._steers),
-            fallen=fall != NO_FALL,
-            off_course=off_course,
-            finished=finished,
-            fall=fall,
-            signals=signals,
-            circuit=circuit,
-            events=events,
-        )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_sim.sim import look as lk
+from bike_sim.sim.events import CONTACT as CONTACT
 from bike_sim.sim.events import DIVERGED as DIVERGED
 from bike_sim.sim.events import NO_FALL as NO_FALL
 from bike_sim.sim.events import TIPPED as TIPPED
@@ -67,7 +68,7 @@ class Snapshot:
         off_course: distance beyond the course's limit; on a circuit both contact points beyond the limits.
         finished: the end of an open course is reached, or a closed course was ridden once from where the ride began.
         fall: cause of the end: NO_FALL while the ride continues, else a name of `forces.FALL_NAMES`, TIPPED,
-            WALL or DIVERGED.
+            WALL, DIVERGED or CONTACT.
         circuit: place, limits and course points; None where there is no circuit.
         events: since the previous snapshot, in the order of time.
     """

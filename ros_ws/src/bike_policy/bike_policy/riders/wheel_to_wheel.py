@@ -1,0 +1,138 @@
+"""Riders of a race: the classical rider among others, the lone one that ignores them, and policies that see them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_policy.contract.bundle import Bundle, load_bundle
+from bike_policy.contract.observation import Rows, VehicleRows
+from bike_policy.planning import line_law as ll
+from bike_policy.planning.grip import AdaptiveLaw
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, Planner
+from bike_policy.planning.plan_verification import BatchRider
+from bike_policy.planning.racecraft import CRAFT, race_targets
+from bike_policy.riders.racing import PolicyBatch
+from bike_policy.riders.rider import RIDERS
+from bike_sim.course.course import Course
+from bike_sim.vehicles.bicycle import Vehicle
+from bike_sim.vehicles.superbike import Superbike
+
+FloatArray = NDArray[np.float64]
+
+CLASSICAL: Final = "classical"
+SOLO: Final = "solo:"
+"""Before the name of a rider: it rides as if it were alone."""
+
+
+class RacecraftRider:
+    """The classical law among others; implements `bike_policy.planning.plan_verification.BatchRider`."""
+
+    def __init__(self, vehicle: Superbike, period: float, count: int, plan: Planner | None = None) -> None:
+        """Prepare for a number of machines.
+
+        Args:
+            vehicle: the machine.
+            period: control period, s.
+            count: number of machines.
+            plan: plans a lap of a line; None for a verified plan.
+        """
+        self._rider, self._period = AdaptiveLaw(vehicle, period, CLASSICAL_SETTINGS, count, plan), period
+        self.memory, self._targets = np.zeros((count, len(CRAFT))), np.zeros((count, 2))
+
+    def begin(self, row: int, rows: VehicleRows, line: Course) -> None:
+        """Begin a ride where the machine is beside its line, after its reset."""
+        self._rider.begin(row, rows, line)
+        aside = float(ll.seen_of(rows.state[row : row + 1], rows.look[row : row + 1])[0, ll.LATERAL_ERROR])
+        self.memory[row] = 0.0
+        self.memory[row, 0] = self._rider.law.memory[row, ll.OFFSET] = aside
+
+    def commands(self, rows: VehicleRows, step: int) -> FloatArray:
+        """Return steering and throttle in [-1, 1], shape (n, 2)."""
+        seen = np.nan_to_num(ll.seen_of(rows.state, rows.look))
+        points = np.ascontiguousarray(rows.points[:, 0])
+        opponents = np.ascontiguousarray(rows.opponents)
+        race_targets(seen, points, opponents, self.memory, self._rider.law.plans, self._period, self._targets)
+        return self._rider.commands(rows, step, self._targets)
+
+
+class RaceField:
+    """All riders of a race; machines of the same kind and rider are ridden side by side."""
+
+    def __init__(
+        self, riders: Sequence[str | Bundle], vehicles: Sequence[Vehicle], period: float, plan: Planner | None = None
+    ) -> None:
+        """Prepare the riders of each row.
+
+        Args:
+            riders: ``classical``, a policy or its name or folder; with SOLO in front as if it were alone. An empty
+                name is a row that somebody else rides.
+            vehicles: of the rows.
+            period: control period, s.
+            plan: plans the laps of classical riders; None for verified plans.
+
+        Raises:
+            ValueError: a rider that does not race, or a policy that cannot see others and is not to ride solo.
+            FileNotFoundError: an unknown policy.
+        """
+        self.count = len(vehicles)
+        parts: dict[tuple[int | str, str], list[int]] = {}
+        known: dict[int | str, str | Bundle] = {}
+        for row, (rider, vehicle) in enumerate(zip(riders, vehicles, strict=True)):
+            if rider != "":
+                key = rider if isinstance(rider, str) else id(rider)
+                known[key] = rider
+                parts.setdefault((key, vehicle.name), []).append(row)
+        self._parts = [
+            (np.array(rows), _rider(known[key], vehicles[rows[0]], period, len(rows), plan))
+            for (key, _), rows in parts.items()
+        ]
+
+    def begin(self, row: int, rows: VehicleRows, line: Course) -> None:
+        """Begin the ride of one row, after its reset; nothing for a row that somebody else rides."""
+        for index, rider in self._parts:
+            place = np.flatnonzero(index == row)
+            if len(place):
+                rider.begin(int(place[0]), _some(rows, index), line)
+
+    def commands(self, rows: VehicleRows, step: int) -> FloatArray:
+        """Return steering and throttle of all rows, shape (n, 2); zeros where somebody else rides."""
+        commands = np.zeros((self.count, 2))
+        for index, rider in self._parts:
+            commands[index] = np.nan_to_num(rider.commands(_some(rows, index), step))
+        return commands
+
+
+def _some(rows: VehicleRows, index: NDArray[np.intp]) -> Rows:
+    return Rows(*(getattr(rows, name)[index] for name in Rows._fields))
+
+
+def _rider(rider: str | Bundle, vehicle: Vehicle, period: float, count: int, plan: Planner | None) -> BatchRider:
+    """Return the rider of rows with the same machine."""
+    if not isinstance(vehicle, Superbike):
+        raise ValueError(
+            f"riders of races ride superbikes, and {vehicle.name!r} is none; hand in its commands yourself"
+        )
+    solo = isinstance(rider, str) and rider.startswith(SOLO)
+    name = rider.removeprefix(SOLO) if isinstance(rider, str) else rider
+    if name == CLASSICAL:
+        if solo:
+            return AdaptiveLaw(vehicle, period, CLASSICAL_SETTINGS, count, plan)
+        return RacecraftRider(vehicle, period, count, plan)
+    if isinstance(name, str) and name in RIDERS:
+        raise ValueError(
+            f"rider {name!r} does not race; there are {CLASSICAL}, {SOLO}{CLASSICAL} and policies that race"
+        )
+    bundle = load_bundle(name, RIDERS) if isinstance(name, str) else name
+    if not bundle.layout.races:
+        raise ValueError(f"policy {bundle.name!r} follows paths; it cannot race")
+    if not solo and "opponents" not in bundle.layout.terms:
+        raise ValueError(
+            f"policy {bundle.name!r} cannot see others, for its layout has no term 'opponents'; "
+            f"{SOLO}{bundle.name} rides it as if it were alone"
+        )
+    bundle.check_fit(vehicle.name, period)
+    return PolicyBatch(bundle, vehicle, period, count)
