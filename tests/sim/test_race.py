@@ -31,10 +31,10 @@ def settings(course: str, *riders: str, laps: int = 1) -> RaceSettings:
 
 def ridden(race: Race) -> list[np.ndarray]:
     """Ride a race with plans that were not verified; return its commands."""
-    machine = race.batch.vehicles[0]
-    assert isinstance(machine, Superbike)
     riders = [entry.rider for entry in race.settings.entries]
-    field = RaceField(riders, race.batch.vehicles, 0.02, lambda line: plan_line(machine, line, CLASSICAL_SETTINGS))
+    field = RaceField(
+        riders, race.batch.vehicles, 0.02, lambda machine, line: plan_line(machine, line, CLASSICAL_SETTINGS)
+    )
     for row in range(race.count):
         field.begin(row, race.batch, race.batch.course(row))
     commands = []
@@ -101,10 +101,10 @@ def test_faster_machine_passes_from_behind(oval: str) -> None:
     machine = race.batch.vehicles[0]
     assert isinstance(machine, Superbike)
     plan = plan_line(machine, race.batch.course(0), CLASSICAL_SETTINGS)
-    field = RaceField(["classical", "classical"], race.batch.vehicles, 0.02, lambda line: plan)
+    field = RaceField(["classical", "classical"], race.batch.vehicles, 0.02, lambda machine, line: plan)
     slow = RaceField(
         ["solo:classical", "solo:classical"], race.batch.vehicles, 0.02,
-        lambda line: plan_line(machine, line, CLASSICAL_SETTINGS, 0.7 * plan.profile.speed[:-1]),
+        lambda machine, line: plan_line(machine, line, CLASSICAL_SETTINGS, 0.7 * plan.profile.speed[:-1]),
     )  # fmt: skip
     for row in range(2):
         field.begin(row, race.batch, race.batch.course(row))

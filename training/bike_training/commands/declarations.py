@@ -295,6 +295,7 @@ def _analyze_subject(args: Namespace) -> str:
 _SUBJECTS: Final[Mapping[str, Callable[[Namespace], str]]] = {
     "ride": _ride_subject,
     "live": lambda args: ATTACHED if args.attach else _choose_vehicle(args, args.rider, laps=False),
+    "race": lambda args: REPLAY if args.replay else WORK,
     "train": _train_subject,
     "export": _export_subject,
     "evaluate": _evaluate_subject,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -12,7 +12,7 @@ from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_policy.contract.observation import Rows, VehicleRows
 from bike_policy.planning import line_law as ll
 from bike_policy.planning.grip import AdaptiveLaw
-from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, Planner
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, Planner
 from bike_policy.planning.plan_verification import BatchRider
 from bike_policy.planning.racecraft import CRAFT, race_targets
 from bike_policy.riders.racing import PolicyBatch
@@ -23,6 +23,8 @@ from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
 
+MachinePlanner = Callable[[Superbike, Course], LinePlan]
+"""Plans a lap of a closed line for a machine."""
 CLASSICAL: Final = "classical"
 SOLO: Final = "solo:"
 """Before the name of a rider: it rides as if it were alone."""
@@ -63,7 +65,11 @@ class RaceField:
     """All riders of a race; machines of the same kind and rider are ridden side by side."""
 
     def __init__(
-        self, riders: Sequence[str | Bundle], vehicles: Sequence[Vehicle], period: float, plan: Planner | None = None
+        self,
+        riders: Sequence[str | Bundle],
+        vehicles: Sequence[Vehicle],
+        period: float,
+        plan: MachinePlanner | None = None,
     ) -> None:
         """Prepare the riders of each row.
 
@@ -110,12 +116,15 @@ def _some(rows: VehicleRows, index: NDArray[np.intp]) -> Rows:
     return Rows(*(getattr(rows, name)[index] for name in Rows._fields))
 
 
-def _rider(rider: str | Bundle, vehicle: Vehicle, period: float, count: int, plan: Planner | None) -> BatchRider:
+def _rider(
+    rider: str | Bundle, vehicle: Vehicle, period: float, count: int, planner: MachinePlanner | None
+) -> BatchRider:
     """Return the rider of rows with the same machine."""
     if not isinstance(vehicle, Superbike):
         raise ValueError(
             f"riders of races ride superbikes, and {vehicle.name!r} is none; hand in its commands yourself"
         )
+    plan = None if planner is None else lambda line: planner(vehicle, line)
     solo = isinstance(rider, str) and rider.startswith(SOLO)
     name = rider.removeprefix(SOLO) if isinstance(rider, str) else rider
     if name == CLASSICAL:

@@ -1,0 +1,180 @@
+"""Measure races: ``tools/races.py races|draft|rate``, one CSV on standard output, one line as each is done.
+
+``races``: six mixed machines on random circuits that nothing was chosen on; does each race end, is it the same from its
+commands, do any two machines pass through each other between two steps? ``draft``: top speed of a machine behind
+another on Barcelona's straight. ``rate``: steps of twelve machines that meet by those of twelve that do not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, plan_line
+from bike_policy.riders.wheel_to_wheel import RaceField
+from bike_sim.course.course import Course
+from bike_sim.sim import look as lk
+from bike_sim.sim import traffic as tr
+from bike_sim.sim.batch import Batch
+from bike_sim.sim.race import Entry, Race, RaceSettings
+from bike_sim.sim.race import race_config as config_of
+from bike_sim.sim.request import ResetRequest
+from bike_sim.vehicles.superbike import Superbike
+
+MACHINES = ("panigale_v4r", "zx10rr", "cbr1000rr_r", "r1", "m1000rr")
+FIRST_CIRCUIT = 500
+SUBSTEPS = 10
+PACE = 0.97
+"""Part of a plan's speed that is ridden, since plans of so many circuits are not verified."""
+
+
+def plan_of(machine: Superbike, line: Course) -> LinePlan:
+    """Return a plan that is a little slower than the classical rider's."""
+    plan = plan_line(machine, line, CLASSICAL_SETTINGS)
+    return plan_line(machine, line, CLASSICAL_SETTINGS, PACE * plan.profile.speed[:-1])
+
+
+def bodies(race: Race) -> NDArray[np.void]:
+    """Return the bodies of a race as they are now."""
+    assert race.batch.traffic is not None
+    return np.array(race.batch.traffic.bodies)
+
+
+def missed(before: NDArray[np.void], after: NDArray[np.void], touched: set[tuple[int, int]]) -> int:
+    """Return how many pairs come closer than a touch between two steps without one."""
+    count = 0
+    for i in range(len(before)):
+        for j in range(i + 1, len(before)):
+            a, b = (before[i], after[i]), (before[j], after[j])
+            if 0 in (a[0]["kind"], b[0]["kind"], a[1]["kind"], b[1]["kind"]) or (i, j) in touched:
+                continue
+            if abs(a[0]["x"] - b[0]["x"]) + abs(a[0]["y"] - b[0]["y"]) > 12.0:
+                continue
+            gaps = [gap_at(a, b, part / SUBSTEPS) for part in range(SUBSTEPS + 1)]
+            crosses = min(gaps) < 0.5 * tr.RADIUS and gaps[0] > 2.0 * tr.RADIUS
+            count += crosses and gaps[-1] > 2.0 * tr.RADIUS
+    return count
+
+
+def gap_at(a: tuple[np.void, np.void], b: tuple[np.void, np.void], part: float) -> float:
+    """Return the distance of two middle lines at a part of a step, m."""
+    mixed = []
+    for one in (a, b):
+        record = np.array([one[0]])
+        for name in ("x", "y", "cos", "sin", "shift_x", "shift_y"):
+            record[name] = (1.0 - part) * one[0][name] + part * one[1][name]
+        mixed.append(record[0])
+    return float(tr._between(mixed[0], mixed[1])[0])
+
+
+def races(count: int, first: int) -> Iterator[list[object]]:
+    """Ride races; yield the head and a row of each."""
+    yield ["circuit", "machines", "ended", "race_s", "finished", "falls", "passes", "contacts", "thrown",
+           "contact_energy_j", "least_energy_j", "penalties", "missed", "replay"]  # fmt: skip
+    for number in range(first, first + count):
+        kinds = [MACHINES[number % 5], MACHINES[(number + 2) % 5]]
+        entries = tuple(Entry(f"bike_{k}", kinds[k % 2], "classical") for k in range(6))
+        settings = RaceSettings(f"random_circuit:{number}", 1, entries, line=0.0)
+        race = Race(settings)
+        field = RaceField(["classical"] * 6, race.batch.vehicles, race.batch.config.control_period, plan_of)
+        for row in range(race.count):
+            field.begin(row, race.batch, race.batch.course(row))
+        commands, passed_through, least, thrown = [], 0, math.inf, 0
+        before = bodies(race)
+        while not race.over:
+            commands.append(field.commands(race.batch, race.step_number))
+            race.step(commands[-1])
+            after, touched = bodies(race), set()
+            for row in race.batch.incidents:
+                if row[0] == tr.CONTACT:
+                    touched.add((min(int(row[2]), int(row[3])), max(int(row[2]), int(row[3]))))
+                    least = min(least, float(row[7]))
+                    thrown += int(row[8] + row[9])
+            passed_through += missed(before, after, touched)
+            before = after
+        again = Race(settings)
+        for pair in commands:
+            again.step(pair)
+        same = again.batch.state.tobytes() == race.batch.state.tobytes() and again.log == race.log
+        kinds_of = [event.kind for event in race.log]
+        results = race.classification()
+        yield [
+            settings.course, "+".join(kinds), race.time < race.limit, round(race.time, 2),
+            sum(result.end == "finished" for result in results), kinds_of.count("fall"), kinds_of.count("pass"),
+            kinds_of.count("contact"), thrown, round(race.energy, 1), round(least, 3) if thrown or race.energy else "",
+            sum(result.penalty_s > 0.0 for result in results), passed_through, "same" if same else "differs",
+        ]  # fmt: skip
+        race.close()
+        again.close()
+
+
+def draft(vehicle: str = "panigale_v4r") -> Iterator[list[object]]:
+    """Ride full throttle along Barcelona's straight; yield top speeds alone and behind another, km/h."""
+    yield ["gap_m", "alone_km_h", "behind_km_h", "gained_km_h"]
+    settings = RaceSettings("barcelona", 1, (Entry("a", vehicle), Entry("b", vehicle)))
+    for gap in (5.0, 10.0, 20.0, 40.0):
+        tops = []
+        for together in (False, True):
+            batch = Batch(2, config_of(settings), together=together)
+            for row, place in enumerate((gap + 2.0, 0.0)):
+                begin = batch.courses(row).line(batch.plant(row), "barcelona", 0.0).track.length - 150.0 + place
+                request = ResetRequest(course="barcelona", line=0.0, speed_range=(45.0, 45.0), progress=begin)
+                batch.reset(row, request)
+            if together:
+                batch.meet()
+            top = 0.0
+            while batch.place[1, lk.CENTRE_PROGRESS] < batch.begun(1).followed.track.length + 650.0:  # type: ignore[union-attr]
+                batch.step(np.tile([0.0, 1.0], (2, 1)))
+                top = max(top, float(batch.look[1, lk.SPEED]))
+            tops.append(3.6 * top)
+            batch.close()
+        yield [gap, round(tops[0], 2), round(tops[1], 2), round(tops[1] - tops[0], 2)]
+
+
+def rate(steps: int = 500) -> Iterator[list[object]]:
+    """Step twelve machines that meet, and twelve that do not; yield vehicle steps a second of processor time."""
+    yield ["rows", "together_1_s", "alone_1_s", "ratio"]
+    config = config_of(RaceSettings("barcelona", 1, (Entry("a", "panigale_v4r"), Entry("b", "panigale_v4r"))))
+    spent = {True: 0.0, False: 0.0}
+    for turn in range(7):
+        for together in (True, False):
+            batch = Batch(12, config, together=together)
+            for row in range(12):
+                request = ResetRequest(
+                    course="barcelona", line=0.0, speed_range=(40.0, 40.0), progress=20.0 + 8.0 * row
+                )
+                batch.reset(row, request)
+            if together:
+                batch.meet()
+            commands = np.tile([0.0, 0.2], (12, 1))
+            batch.step(commands)
+            began = time.process_time()
+            for _ in range(steps):
+                batch.step(commands)
+            spent[together] += (time.process_time() - began) if turn else 0.0
+            batch.close()
+    done = 6 * steps * 12
+    yield [12, round(done / spent[True]), round(done / spent[False]), round(spent[False] / spent[True], 3)]
+
+
+def main() -> None:
+    """Print the table that is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("table", choices=("races", "draft", "rate"))
+    parser.add_argument("--count", type=int, default=100, help="races")
+    parser.add_argument("--first", type=int, default=FIRST_CIRCUIT, help="seed of the first circuit")
+    args = parser.parse_args()
+    tables = {"races": lambda: races(args.count, args.first), "draft": draft, "rate": rate}
+    for row in tables[args.table]():
+        print(*row, sep=",", flush=True)
+        print(*row, sep="  ", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
