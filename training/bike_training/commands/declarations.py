@@ -217,6 +217,11 @@ def _ride_subject(args: Namespace) -> str:
     return NODES if args.nodes else kind
 
 
+def _race_subject(args: Namespace) -> str:
+    args.machines = args.machines or None  # argparse has no None for none of several
+    return REPLAY if args.replay else WORK
+
+
 def _train_subject(args: Namespace) -> str:
     if args.resume:
         return RESUMED
@@ -295,7 +300,7 @@ def _analyze_subject(args: Namespace) -> str:
 _SUBJECTS: Final[Mapping[str, Callable[[Namespace], str]]] = {
     "ride": _ride_subject,
     "live": lambda args: ATTACHED if args.attach else _choose_vehicle(args, args.rider, laps=False),
-    "race": lambda args: REPLAY if args.replay else WORK,
+    "race": _race_subject,
     "train": _train_subject,
     "export": _export_subject,
     "evaluate": _evaluate_subject,
@@ -310,6 +315,10 @@ COMMANDS: Final[dict[str, Command]] = {
     for name, entries in _TABLE["commands"].items()
 }
 NEED_ROS: Final = frozenset(
-    {("ride", BICYCLE), ("ride", NODES), *(("live", subject) for subject in COMMANDS["live"].functions)}
+    {
+        ("ride", BICYCLE),
+        ("ride", NODES),
+        *((name, subject) for name in ("live", "race") for subject in COMMANDS[name].functions),
+    }
 )
-"""Commands with subjects that ride or watch through nodes."""
+"""Commands with subjects that ride or watch through nodes, or record messages."""

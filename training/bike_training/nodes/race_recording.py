@@ -210,7 +210,12 @@ class RecordedRace:
 
 def _namespaces(path: Path) -> list[str]:
     """Return the namespaces of the machines of a recording."""
-    topics = {channel.topic for file in find_files(path) for channel in Container(file).channels.values()}
+    topics: set[str] = set()
+    for file in find_files(path):
+        box = Container(file)
+        for _ in box.blocks():  # channels are met on the way
+            pass
+        topics |= {channel.topic for channel in box.channels.values()}
     return sorted(topic.removesuffix("/state") for topic in topics if topic.endswith("/state"))
 
 
