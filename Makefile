@@ -1,7 +1,7 @@
 # Every target sets up first what it needs; a set-up that is current costs a fraction of a second.
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-training setup-sweep setup-all setup-checks build ride lap live test test-long check docs figures \
-	measure release format bench clean distclean
+.PHONY: help setup setup-training setup-sweep setup-all setup-checks build ride lap race live test test-long check docs \
+	figures measure release format bench clean distclean
 
 BIN := .venv/bin
 SHELL_SCRIPTS := tools/setup tools/update-constraints tools/release .ci/run
@@ -36,6 +36,9 @@ ride: setup ## Ride the benchmark path with the shipped actor and write ride.mca
 
 lap: setup ## Barcelona through the nodes: the default rider, the classical one and the best lap found: out/lap/ride.html
 	@$(BIN)/bike ride --course barcelona --nodes --beside classical optimum
+
+race: setup ## Four superbikes race two laps of Barcelona: recording, table and out/race/race.html
+	@$(BIN)/bike race
 
 live: setup ## A ride in the browser: watch it, or ride yourself (V=panigale_v4r for a superbike)
 	@$(BIN)/bike live --vehicle $(or $(V),whipple)

@@ -130,7 +130,12 @@ def test_commands_come_late_and_no_faster_than_they_may() -> None:
 def test_rides_go_on_from_where_they_were_stored() -> None:
     rng = np.random.default_rng(0)
     instants = [
-        Rows(*(rng.standard_normal(shape) for shape in SHAPES), np.zeros(len(WORLDS), dtype=bool)) for _ in range(20)
+        Rows(
+            *(rng.standard_normal(shape) for shape in SHAPES),
+            np.zeros(len(WORLDS), dtype=bool),
+            rng.standard_normal((len(WORLDS), 5, 5)),
+        )
+        for _ in range(20)
     ]
     vehicles = [load_superbike("panigale_v4r")] * len(WORLDS)
     first, other = (Instruments(WORLDS, vehicles, 0.02) for _ in range(2))

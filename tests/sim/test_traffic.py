@@ -77,7 +77,7 @@ def test_drag_and_downforce_fall_together() -> None:
     step(batch)
     drag = batch.signals[:, SIGNALS.index("drag")]
     front, _ = batch.opponents[1, 0, 1:3]
-    gap = front - batch.vehicle.w - tr.RADIUS
+    gap = front - batch.vehicle.w - 2.0 * tr.RADIUS
     assert drag[1] / drag[0] == pytest.approx(1.0 - tr.wake_deficit(gap, 0.0), rel=2e-3)
 
 

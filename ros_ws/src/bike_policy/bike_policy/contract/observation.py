@@ -104,8 +104,8 @@ class Rows(NamedTuple):
     def of_path(cls, state: FloatArray, look: FloatArray, preview_y: FloatArray) -> Rows:
         """Return bicycles on paths, which have neither telemetry nor limits."""
         n = len(state)
-        limits, points = (np.repeat(array, n, axis=0) for array in _NO_CIRCUIT)
-        return cls(state, look, preview_y, np.zeros((n, 0)), limits, points, np.zeros(n, dtype=np.bool_))
+        limits, points, alone = (np.repeat(array, n, axis=0) for array in (*_NO_CIRCUIT, _ALONE))
+        return cls(state, look, preview_y, np.zeros((n, 0)), limits, points, np.zeros(n, dtype=np.bool_), alone)
 
 
 _NO_CIRCUIT: Final = (np.zeros((1, 8)), np.zeros((1, 3, STATIONS, 3)))

@@ -239,7 +239,7 @@ class RideObserver:
                 points[row] = _further(points[row], passed)
                 if preview.shape[1] == points.shape[2]:
                     preview[row] = points[row, 0, :, 1]
-        return Rows(state, look, preview, rows.signals, circuit, points, rows.fallen)
+        return Rows(state, look, preview, rows.signals, circuit, points, rows.fallen, rows.opponents)
 
 
 def _further(points: FloatArray, passed: float) -> FloatArray:

@@ -427,7 +427,7 @@ def _draft(i: int, rows: BatchState, traffic: Traffic) -> None:
         if j == i or other.kind != RIDES:
             continue
         along = other.along - body.along
-        behind = along - length * np.rint(along / length) - body.length - RADIUS
+        behind = along - length * np.rint(along / length) - body.length - 2.0 * RADIUS
         if 0.0 < behind < RANGE:
             deepest = max(deepest, wake_deficit(behind, body.across - other.across))
     if deepest == 0.0:
