@@ -66,6 +66,7 @@ SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
     "optimum": (f"{_POLICY}/riders/optimum.py", f"{_ROLLOUT}/optimum.py"),
     "learning": tuple(f"training/bike_training/{name}" for name in ("tasks", "curricula", "learning", "presets")),
     "exporting": (_CONTRACT[0], f"{_POLICY}/policies", "training/bike_training/exporting"),
+    "benchmark": ("training/bike_training/benchmark",),
     "ros": (f"{_SIM}/ros", f"{_POLICY}/drive.py"),
 }
 """Paths of each source, as git takes them."""

@@ -22,6 +22,7 @@ from typing import Any, Final, NamedTuple
 from figures import DATA, ROOT, SOURCES, changed_sources, read_head
 
 from bike_policy.contract.bundle import shipped_policies
+from bike_training.gymnasium_ids import BENCHMARK_STEPS
 
 CLASSES: Final[Mapping[str, float]] = {"minutes": 900.0, "hour": 7200.0, "days": float("inf")}
 """Longest duration of a measurement, s."""
@@ -129,6 +130,21 @@ def speeds(answers: Sequence[Any]) -> Rows:
     return [["figure", "value"], *([f"`{key}`", f"{value:,.4g}"] for key, value in figures.items())]
 
 
+def scores(answers: Sequence[Any]) -> Rows:
+    """Return scores of riders in frozen tasks."""
+    rows = [
+        [
+            f"`{f['task']}`",
+            f"`{f['rider']}`",
+            f"{f['error']:.4f}",
+            f"{f['failed']}",
+            f"{f['score'] + 0.0:.3f}".replace("-0.000", "0.000"),
+        ]
+        for f in (answer["figures"] for answer in answers)
+    ]
+    return [["task", "rider", "error", "failed episodes of 20", "score"], *rows]
+
+
 def bicycles(answers: Sequence[Any]) -> Rows:
     """Return measured bicycles: where they balance themselves, and the largest error of their eigenvalues."""
     keys = ("stable_from_m_s", "stable_to_m_s", "error_1_s")
@@ -223,6 +239,14 @@ TABLES: Final[Mapping[str, Table]] = {
     "generalist_pairs": Table(races),
     "generalist_random": Table(races, _circuits(100, 199)),
     "speed": Table(speeds),
+    "benchmark_scores": Table(
+        scores,
+        tuple(
+            f"{rider} --task {task}"
+            for task, steps in BENCHMARK_STEPS.items()
+            for rider in (("lqr", "whipple", "stanley") if steps < 1000 else ("classical",))
+        ),
+    ),
     "exported_policies": Table(
         columns("headers", **EXPORTED),
         tuple(f"{name} --weights {kind}" for name in shipped_policies() for kind in ("float", "int8")),

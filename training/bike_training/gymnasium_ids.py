@@ -7,7 +7,18 @@ from typing import Any, Final
 import gymnasium as gym
 
 IDS: Final = {"bike_training/Whipple-v0": ("prop", 1200), "bike_training/Superbike-v0": ("race", 500)}
-"""Ids with the task of each and the decisions of an episode."""
+"""Ids whose task may be changed by options, with the task of each and the decisions of an episode."""
+BENCHMARK_STEPS: Final = {
+    "two_wheeler/Balance-v0": 400,
+    "two_wheeler/Path-v0": 600,
+    "two_wheeler/Junction-v0": 160,
+    "two_wheeler/Pushes-v0": 200,
+    "two_wheeler/LateCommands-v0": 600,
+    "two_wheeler/Lap-v0": 2000,
+    "two_wheeler/UnseenCircuits-v0": 1000,
+    "two_wheeler/UnknownWorlds-v0": 2000,
+}
+"""Ids of frozen tasks with the decisions of an episode; `bike_training.benchmark.tasks` has the rest of each row."""
 
 
 def make_vector(
@@ -40,17 +51,30 @@ def make_vector(
     from bike_training.tasks.race import RaceTask
 
     ridden = task_of(task)
-    steps = others.pop("max_episode_steps", None)
-    wrong = next(((name, value) for name, value in others.items() if value is not None), None)
-    if wrong:
-        raise ValueError(f"a batch of vehicles has no option {wrong[0]}={wrong[1]!r}")
-    if steps not in (None, ridden.max_steps):
-        raise ValueError(f"max_episode_steps={steps} must be {ridden.max_steps}, that of the task")
+    check_options(others, ridden.max_steps)
     config = config_of(ridden, vehicle)
     if not isinstance(ridden, RaceTask):
         config = replace(config, engine=COMPILED_ENGINE, time_step=0.01)
     episodes = episodes_of(ridden, load_vehicle(config.vehicle), circuits)
     return BatchVectorEnv(BatchVecEnv(num_envs, ridden, episodes, config, seed))
+
+
+def check_options(others: dict[str, Any], max_steps: int) -> None:
+    """Refuse options of Gymnasium that a batch does not have.
+
+    Args:
+        others: options by name.
+        max_steps: decisions of an episode.
+
+    Raises:
+        ValueError: naming the option.
+    """
+    steps = others.pop("max_episode_steps", None)
+    wrong = next(((name, value) for name, value in others.items() if value is not None), None)
+    if wrong:
+        raise ValueError(f"a batch of vehicles has no option {wrong[0]}={wrong[1]!r}")
+    if steps not in (None, max_steps):
+        raise ValueError(f"max_episode_steps={steps} must be {max_steps}, that of the task")
 
 
 def register() -> None:
@@ -63,6 +87,15 @@ def register() -> None:
                 vector_entry_point="bike_training.gymnasium_ids:make_vector",
                 max_episode_steps=steps,
                 kwargs={"task": task},
+            )
+    for name, steps in BENCHMARK_STEPS.items():
+        if name not in gym.registry:
+            gym.register(
+                name,
+                entry_point="bike_training.benchmark.tasks:make_env",
+                vector_entry_point="bike_training.benchmark.tasks:make_vector",
+                max_episode_steps=steps,
+                kwargs={"name": name},
             )
 
 

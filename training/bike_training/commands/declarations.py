@@ -25,7 +25,7 @@ _TABLE: Final[Mapping[str, Any]] = yaml.load(
 )
 BICYCLE, SUPERBIKE, NODES, ALL, ATTACHED, REFINEMENT, RESUMED, CLASSICAL = _TABLE["subjects"][:8]
 RECORDING, REPLAY, EXPLANATION, RUNS, SWEEP, CIRCUIT, TEMPLATE, PARAMETERS = _TABLE["subjects"][8:16]
-RUN, REFINED, LEARNING, WORK, DATA, POLICY, TOPIC, BEST_LAP = _TABLE["subjects"][16:]
+RUN, REFINED, LEARNING, WORK, DATA, POLICY, TOPIC, BEST_LAP, BENCHMARK, VERIFICATION = _TABLE["subjects"][16:]
 """Subjects of commands, as options name them; `WORK` is that of commands with one alone."""
 
 DEFAULT_RIDER: Final = "default"
@@ -249,6 +249,10 @@ def _export_subject(args: Namespace) -> str:
 def _evaluate_subject(args: Namespace) -> str:
     from bike_policy.riders.rider import LAP_SUFFIX, RIDERS
 
+    if args.verify is not None:
+        return VERIFICATION
+    if args.task is not None:
+        return BENCHMARK
     if args.compare and args.rider is not None:
         raise ValueError("--compare names all riders that are evaluated; leave out the other")
     args.rider = None if args.rider == DEFAULT_RIDER else args.rider

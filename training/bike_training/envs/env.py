@@ -15,14 +15,16 @@ from bike_sim.sim import look as lk
 from bike_sim.sim.batch import SUPERBIKE_ENGINE
 from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
+from bike_sim.sim.worlds import load_worlds
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.curricula.base import Episodes
 from bike_training.curricula.parts import PartsCurriculum
 from bike_training.curricula.race import CircuitSet, RaceCurriculum
 from bike_training.envs.clients import Client, make_client
-from bike_training.tasks.base import Task, sum_of
+from bike_training.tasks.base import Task, TaskState, state_of, sum_of
 from bike_training.tasks.path import TASKS
 from bike_training.tasks.race import RaceTask
 
@@ -60,7 +62,7 @@ def episodes_of(task: Task, vehicle: Vehicle, circuits: tuple[str, ...] = CIRCUI
 
 def task_spaces(task: Task) -> tuple[gym.spaces.Box, gym.spaces.Box]:
     """Return the observation and action space of a task."""
-    high = task.layout.high
+    high = task.observation_high
     return gym.spaces.Box(-high, high, dtype=np.float32), gym.spaces.Box(
         -1.0, 1.0, (task.action.size,), dtype=np.float32
     )
@@ -109,8 +111,14 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode must be rgb_array or None, got {render_mode!r}")
         self.task = task_of(task)
+        self._worlds = load_worlds(self.task.disturbances)
+        self._simulators: dict[int, tuple[Client, TaskState]] = {}
         if isinstance(client, str):
-            client = make_client(client, config or config_of(self.task, vehicle))
+            config = config or config_of(self.task, vehicle)
+            if self._worlds and client == "local":
+                self._config, client = config, Simulator(config, self._worlds[0])
+            else:
+                client = make_client(client, config)
         self.client, self.render_mode = client, render_mode
         self.metadata = self.metadata | {"render_fps": 1.0 / (client.config.control_period * self.task.repeat)}
         self.episodes = episodes or episodes_of(self.task, client.vehicle, circuits)
@@ -119,7 +127,8 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._steps = 0
         self._full_episodes = 0
         self._goes_on = False
-        self.rides = self.task.make_state(1, self.client.vehicle)
+        self.rides = state_of(self.task, 1, [self.client.vehicle], self._worlds[:1])
+        self._simulators[0] = self.client, self.rides
         self.snapshot: Snapshot | None = None
         self._request = ResetRequest()
 
@@ -145,6 +154,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._goes_on = False
         self._steps = 0
         if not goes_on:
+            self._enter_world()
             request = (options or {}).get("request") or self.episodes.draw(self.np_random, self.task.preview, self._row)
             request = replace(request, preview=self.task.preview)
             self.snapshot = self.client.reset(request)
@@ -154,6 +164,18 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._full_episodes = 0
         assert self.snapshot is not None
         return self.rides.observe(rows_of(self.snapshot))[0], self._info(self.snapshot)
+
+    def _enter_world(self) -> None:
+        """Ride in one of the task's worlds, where it has several."""
+        if len(self._worlds) < 2:
+            return
+        chosen = int(self.np_random.integers(len(self._worlds)))
+        if chosen not in self._simulators:
+            client = Simulator(self._config, self._worlds[chosen])
+            worlds = self._worlds[chosen : chosen + 1]
+            state = state_of(self.task, 1, [client.vehicle], worlds)
+            self._simulators[chosen] = client, state
+        self.client, self.rides = self._simulators[chosen]
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Hold an action in [-1, 1], one number per column of the task's action, for one decision."""
@@ -176,7 +198,7 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         truncated = not terminated and self._steps >= self.task.max_steps
         if truncated:
             self._full_episodes += 1
-            self._goes_on = self._full_episodes == 1
+            self._goes_on = self.task.continues and self._full_episodes == 1
         info = self._info(snapshot)
         if terminated or truncated:
             info |= {"request": self._request, "progress": float(snapshot.look[lk.PROGRESS])}
@@ -197,8 +219,9 @@ class BikeEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return np.asarray(draw_frame(course, self.client.vehicle.name, pose, snapshot.time, superbike))
 
     def close(self) -> None:
-        """Release the simulator."""
-        self.client.close()
+        """Release the simulators."""
+        for client, _ in self._simulators.values():
+            client.close()
 
     def _info(self, snapshot: Snapshot) -> dict[str, Any]:
         return {

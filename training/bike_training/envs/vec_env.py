@@ -181,7 +181,7 @@ class BatchVecEnv(VecEnv):
                 "request": self._requests[index],
                 "progress": float(self.batch.look[index, lk.PROGRESS]),
             }
-            if truncated[index] and self.full_episodes[index] == 0:
+            if truncated[index] and self.task.continues and self.full_episodes[index] == 0:
                 self.full_episodes[index] = 1
                 self.steps[index] = 0
                 self.returns[index] = 0.0
@@ -253,9 +253,9 @@ class BatchVectorEnv(gym.vector.VectorEnv[NDArray[np.float32], NDArray[np.float3
     ) -> tuple[NDArray[np.float32], NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Hold actions for one decision of every vehicle, shape (n, columns of the action)."""
         observations, rewards, ended, infos = self._env.step(np.asarray(actions, dtype=np.float32))
-        truncated = np.array([bool(info.get("TimeLimit.truncated", False)) for info in infos])
-        found: dict[str, Any] = {}
+        truncated, found = np.zeros(self.num_envs, dtype=np.bool_), dict[str, Any]()
         if ended.any():
+            truncated = np.array([bool(info.get("TimeLimit.truncated", False)) for info in infos])
             found["final_obs"] = np.array([info.get("terminal_observation") for info in infos], dtype=object)
             found["_final_obs"] = ended.copy()
         return observations, rewards, ended & ~truncated, truncated, found

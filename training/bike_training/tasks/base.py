@@ -10,7 +10,7 @@ import functools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,6 +104,7 @@ class Task(Settings, ABC):
         max_steps: steps after which an episode is truncated.
         repeat: control periods that a decision is held.
         disturbances: names or files of what disturbs the vehicles, of which rows take one in turn.
+        continues: whether a ride continues once into the next episode where one was truncated (Weyrer et al. 2026).
         validation_duration: of a validation ride, s.
         error_name: definition of a ride's error, with its unit.
         largest_error: the error that a failed ride counts as; errors of validation rides are parts of it.
@@ -118,6 +119,7 @@ class Task(Settings, ABC):
     max_steps: int
     repeat: int = 1
     disturbances: tuple[str, ...] = ()
+    continues: ClassVar[bool] = True
     validation_duration: float
     error_name: str
     largest_error: float
@@ -125,6 +127,11 @@ class Task(Settings, ABC):
     @property
     @abstractmethod
     def layout(self) -> ObservationLayout: ...  # noqa: D102
+    @property
+    def observation_high(self) -> NDArray[np.float32]:
+        """Upper bounds of the observation; lower bounds are their negatives."""
+        return self.layout.high
+
     @property
     @abstractmethod
     def action(self) -> ActionLayout: ...  # noqa: D102
@@ -235,9 +242,24 @@ def batch_of(task: Task, count: int, config: SimulatorConfig, machines: Sequence
     rows = [worlds[row // each % len(worlds)] for row in range(count)] if worlds else None
     batch = Batch(count, config, task.preview, rows, names)
     vehicles = [batch.vehicle] if names is None else [load_vehicle(name) for name in machines]
+    return batch, state_of(task, count, vehicles[:count], rows or ())
+
+
+def state_of(task: Task, count: int, vehicles: Sequence[Vehicle], worlds: Sequence[Disturbances]) -> TaskState:
+    """Return the state of a task for a number of rows.
+
+    Args:
+        task: that they ride.
+        count: number of rows.
+        vehicles: that the rows take in turn.
+        worlds: of each row, which may disturb what is seen and when commands act; none where nothing disturbs.
+
+    Raises:
+        ValueError: the task is not for a vehicle, or a delay that is not a whole number of periods.
+    """
     if len(vehicles) == 1 and not any(world.acts_between for world in worlds):
-        return batch, task.make_state(count, vehicles[0])
-    return batch, BatchTaskState(task, vehicles[:count], rows or [Disturbances()] * count)
+        return task.make_state(count, vehicles[0])
+    return BatchTaskState(task, vehicles, worlds or [Disturbances()] * count)
 
 
 class BatchTaskState(TaskState):
