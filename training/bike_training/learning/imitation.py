@@ -211,7 +211,7 @@ class Imitation:
         rng = np.random.default_rng([self._seed, self.done, 7])
         env.rng = np.random.default_rng([self._seed, self.done, 8])
         share = TEACHER_RIDES[self.done] if self.done < len(TEACHER_RIDES) else 0.0
-        taught = rng.random(count) < share
+        taught = np.less(rng.random(count), share)
         size = rng.random((count, 1)) * (rng.random((count, 1)) < 0.5)
         noise = np.zeros((count, 2))
         env.reset()

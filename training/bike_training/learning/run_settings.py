@@ -30,8 +30,6 @@ GRADIENT_TABLE: Final = "refinement.csv"
 """File of a run that learns by gradients: a row for each comparison of actors."""
 IMITATED: Final = "imitated.safetensors"
 """File of a run with the actor that it begins with, learned by imitation."""
-IMITATED: Final = "imitated.safetensors"
-"""File of a run with the actor that it begins with, learned by imitation."""
 GRADIENT_POLICY: Final = "policy"
 """Its bundle of the best actor."""
 
