@@ -17,6 +17,7 @@ SUBJECTS = {
         dc.NODES: ["--vehicle", "r1", "--nodes"],
         dc.ALL: ["--all"],
     },
+    "race": {dc.WORK: ["r1", "zx10rr"], dc.REPLAY: ["--replay", "race.mcap"]},
     "train": {
         dc.BICYCLE: ["--out", "never"],
         dc.SUPERBIKE: ["r1", "--out", "never"],
@@ -24,13 +25,20 @@ SUBJECTS = {
         dc.REFINEMENT: ["--out", "never", "--preset", "exact"],
         dc.BEST_LAP: ["r1", "--out", "never", "--preset", "optimum"],
     },
-    "evaluate": {dc.BICYCLE: ["whipple"], dc.SUPERBIKE: ["racer"], dc.CLASSICAL: ["classical"]},
+    "evaluate": {
+        dc.BICYCLE: ["whipple"],
+        dc.SUPERBIKE: ["racer"],
+        dc.CLASSICAL: ["classical"],
+        dc.BENCHMARK: ["whipple", "--task", "two_wheeler/Path-v0"],
+        dc.VERIFICATION: ["--verify", "results.json"],
+    },
     "analyze": {
         dc.RECORDING: ["ride.mcap"],
         dc.REPLAY: ["ride.mcap", "--replay"],
         dc.EXPLANATION: ["ride.mcap", "--explain"],
         dc.RUNS: ["run"],
         dc.SWEEP: ["sweep"],
+        dc.TOPIC: ["ride.mcap", "--topic", "/bike/state"],
     },
     "live": {dc.BICYCLE: [], dc.SUPERBIKE: ["--vehicle", "r1"], dc.ATTACHED: ["--attach"]},
     "sweep": {dc.WORK: ["seeds.yaml", "--out", "never"]},
@@ -42,7 +50,7 @@ SUBJECTS = {
         dc.PARAMETERS: ["--parameters", "Browser.txt"],
     },
     "bench": {dc.WORK: []},
-    "export": {dc.RUN: ["run"], dc.REFINED: ["refined"]},
+    "export": {dc.RUN: ["run"], dc.REFINED: ["refined"], dc.POLICY: ["whipple", "--onnx", "actor.onnx"]},
     "reproduce": {
         dc.LEARNING: ["bicycle", "--out", "never"],
         dc.DATA: ["bicycle", "--out", "never", "--data", "data"],
@@ -52,7 +60,7 @@ SUBJECTS = {
 
 SELECTING = {
     *("--all", "--nodes", "--resume", "--replay", "--explain", "--attach", "--course", "--data", "--template"),
-    "--parameters",
+    *("--parameters", "--task", "--verify", "--topic"),
 }
 """Options that choose the subject of their command, so that none of another subject can be given beside them."""
 
@@ -103,15 +111,15 @@ def test_options_apply_to_the_subject_or_are_refused_by_name(command, subject, f
     ("words", "message"),
     [
         (["rid"], "did you mean ride?"),
-        (["fly"], "there are ride, train, "),
+        (["fly"], "there are ride, race, train, "),
         (["ride", "--sped", "3"], "did you mean --speed?"),
         (["ride", "--speed", "fast"], "invalid float value: 'fast'"),
         (["ride", "--engine", "diesel"], "invalid choice: 'diesel'"),
         (["ride", "--engine", "pybulet"], "did you mean pybullet? See bike ride --help"),
         (["ride", "--course", "junctoin"], "did you mean junction? There are benchmark, circle, "),
         (["ride", "--vehicle", "pangale_v4r"], "did you mean panigale_v4r? There are cbr1000rr_r, "),
-        (["live", "--rider", "raser"], "did you mean racer? There are generalist, racer, spdl_barcelona, whipple, cl"),
-        (["evaluate", "stanly"], "did you mean stanley? There are generalist, "),
+        (["live", "--rider", "raser"], "did you mean racer? There are adaptive, generalist, racer, spdl_barcelona, "),
+        (["evaluate", "stanly"], "did you mean stanley? There are adaptive, generalist, "),
         (["ride", "--disturbances", "widn"], "did you mean wind? There are "),
         (["bench", "phisics"], "unknown part 'phisics'; did you mean physics? There are "),
         (["train", "--preset", "fats", "--out", "never"], "did you mean fast? There are alt1, "),

@@ -35,8 +35,8 @@ SPECS: Final = (
     ParameterSpec(
         "policy",
         DEFAULT,
-        "whipple, lqr, mpc or stanley; racer, generalist, spdl_barcelona or classical; the folder of a bundle; or "
-        "default (or nothing), which chooses by the vehicle that the simulator holds.",
+        "whipple, lqr, mpc or stanley; racer, generalist, adaptive, spdl_barcelona or classical; the folder of a "
+        "bundle; or default (or nothing), which chooses by the vehicle that the simulator holds.",
         fixed=True,
     ),
     VEHICLE,
