@@ -91,11 +91,12 @@ def races(count: int, first: int) -> Iterator[list[object]]:
             commands.append(field.commands(race.batch, race.step_number))
             race.step(commands[-1])
             after, touched = bodies(race), set()
-            for row in race.batch.incidents:
-                if row[0] == tr.CONTACT:
-                    touched.add((min(int(row[2]), int(row[3])), max(int(row[2]), int(row[3]))))
-                    least = min(least, float(row[7]))
-                    thrown += int(row[8] + row[9])
+            for incident in race.batch.incidents:
+                if incident[0] == tr.CONTACT:
+                    machines = int(incident[2]), int(incident[3])
+                    touched.add((min(machines), max(machines)))
+                    least = min(least, float(incident[7]))
+                    thrown += int(incident[8] + incident[9])
             passed_through += missed(before, after, touched)
             before = after
         again = Race(settings)
