@@ -234,6 +234,8 @@ TABLES: Final[Mapping[str, Table]] = {
     "racer_100_starts": Table(races),
     "classical_pairs": Table(races),
     "guide_pairs": Table(races),
+    "adaptive_disturbed": Table(races),
+    "classical_disturbed": Table(races),
     "held_pairs": Table(races),
     "racer_random": Table(races, _circuits(100, 139)),
     "generalist_pairs": Table(races),
