@@ -16,6 +16,7 @@ import numpy as np
 from sbx import SAC
 
 from bike_policy.contract.bundle import Actor
+from bike_training.learning.networks import forward, weights_of
 
 STARTING_NOISE: Final = 0.05
 """Standard deviation of the actions, before tanh, that the actor begins with."""
@@ -41,8 +42,8 @@ class AnchoredSAC(SAC):
         shapes = [dense[name]["kernel"].shape for name in names[:-1]]
         if [weights.shape for weights in actor.weights] != shapes:
             raise ValueError(f"an actor with layers {[w.shape for w in actor.weights]} cannot begin one of {shapes}")
-        for name, weights, bias in zip(names, actor.weights, actor.biases, strict=False):
-            dense[name] = {"kernel": jnp.asarray(weights), "bias": jnp.asarray(bias)}
+        for name, (kernel, bias) in zip(names, weights_of(actor), strict=False):
+            dense[name] = {"kernel": kernel, "bias": bias}
         noise = dense[names[-1]]
         spread = jnp.full_like(noise["bias"], math.log(STARTING_NOISE))
         dense[names[-1]] = {"kernel": jnp.zeros_like(noise["kernel"]), "bias": spread}
@@ -70,19 +71,14 @@ def anchored_to(actor: Actor, weight: float) -> type[AnchoredSAC]:
         actor: the other one.
         weight: of the squared distance of the mean actions, in units of reward.
     """
-    layers = [(jnp.asarray(w), jnp.asarray(b)) for w, b in zip(actor.weights, actor.biases, strict=True)]
-
-    def anchor(seen: jax.Array) -> jax.Array:
-        for kernel, bias in layers[:-1]:
-            seen = jax.nn.relu(seen @ kernel + bias)
-        return jnp.tanh(seen @ layers[-1][0] + layers[-1][1])
+    layers = weights_of(actor)
 
     class Anchored(AnchoredSAC):
         @staticmethod
         @jax.jit
         def update_actor(actor_state: Any, qf_state: Any, ent_coef_state: Any, observations: Any, key: Any) -> Any:
             key, dropout_key, noise_key = jax.random.split(key, 3)
-            wanted = anchor(observations)
+            wanted = jnp.tanh(forward(layers, observations))
 
             def actor_loss(params: Any) -> tuple[jax.Array, jax.Array]:
                 dist = actor_state.apply_fn(params, observations)

@@ -43,14 +43,12 @@ from bike_sim.sim.batch import Batch
 from bike_sim.sim.request import ResetRequest
 from bike_training.curricula.parts import REFINEMENT, SPEED_RANGES, PartsCurriculum, RideRanges
 from bike_training.learning.linear_rides import DEVIATIONS, LinearRides, Segment, push_sideways
+from bike_training.learning.networks import Weights, forward, weights_of
 from bike_training.learning.presets import GradientSettings
 from bike_training.learning.run_settings import GRADIENT_POLICY, GRADIENT_TABLE, RunSettings, source_commit
 from bike_training.learning.validation import ride_side_by_side
 from bike_training.rollout.stability import stability
 from bike_training.tasks.path import VALIDATION_DURATION, PathTask
-
-Weights = list[tuple[jax.Array, jax.Array]]
-"""Kernel (inputs, outputs) and bias of each layer."""
 
 
 class MirrorSymmetricActor:
@@ -88,7 +86,7 @@ class MirrorSymmetricActor:
                 f"an actor of {actor.inputs} inputs and {actor.outputs} outputs cannot begin a refinement that sees "
                 f"{self._inputs} numbers and steers"
             )
-        whole = [(jnp.asarray(w), jnp.asarray(b)) for w, b in zip(actor.weights, actor.biases, strict=True)]
+        whole = weights_of(actor)
         half = self._unfolded(whole)
         again = self.folded(half).tensors()
         # One that was learned like this is taken as what it was folded from, lest it grow twice as wide.
@@ -110,7 +108,8 @@ class MirrorSymmetricActor:
 
     def act(self, weights: Weights, seen: jax.Array) -> jax.Array:
         """Return commands, at most the reach, for observations of shape (..., inputs)."""
-        return self._reach * jnp.tanh(0.5 * (_network(weights, seen) - _network(weights, seen * self._signs)))
+        turned = forward(weights, seen) - forward(weights, seen * self._signs)
+        return self._reach * jnp.tanh(0.5 * turned[..., 0])
 
     def folded(self, weights: Weights) -> Actor:
         """Return the same as one network, of layers twice as wide."""
@@ -128,12 +127,6 @@ class MirrorSymmetricActor:
                 kernels.append(0.5 * np.vstack([kernel, -kernel]).T)
                 biases.append(np.zeros_like(bias))
         return Actor([k.astype(np.float32) for k in kernels], [b.astype(np.float32) for b in biases])
-
-
-def _network(weights: Weights, hidden: jax.Array) -> jax.Array:
-    for kernel, bias in weights[:-1]:
-        hidden = jax.nn.relu(hidden @ kernel + bias)
-    return (hidden @ weights[-1][0] + weights[-1][1])[..., 0]
 
 
 _STEEP: Final = math.radians(38.0)

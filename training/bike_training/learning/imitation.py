@@ -32,14 +32,13 @@ from bike_policy.planning.grip import AdaptiveLaw, GripMemory
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.envs.vec_env import BatchVecEnv
+from bike_training.learning.networks import Weights, actor_of, forward, weights_of
 from bike_training.learning.presets import SacSettings
 from bike_training.learning.run_settings import IMITATED
 from bike_training.tasks.base import BatchTaskState
 from bike_training.tasks.race import RaceState, RaceTask
 
 FloatArray = NDArray[np.float64]
-Weights = list[tuple[jax.Array, jax.Array]]
-"""Kernel (inputs, outputs) and bias of each layer."""
 
 STARTING_CAUTION: Final = 2.8
 """Standard deviations beyond `SURE` by which the teacher rides on less than the inferred grip."""
@@ -167,9 +166,7 @@ class Imitation:
 
     def actor(self) -> Actor:
         """Return the present actor."""
-        return Actor(
-            [np.array(kernel).T.copy() for kernel, _ in self._weights], [np.array(bias) for _, bias in self._weights]
-        )
+        return actor_of(self._weights)
 
     def run(self, out: Path, report: Callable[[Imitation], None] = lambda _: None) -> Actor:
         """Make the rounds that are missing and return the actor; a run that was interrupted goes on.
@@ -200,8 +197,7 @@ class Imitation:
         seen, shown = stored.pop("seen"), stored.pop("shown")
         self._seen.append(seen)
         self._shown.append(shown)
-        actor = Actor.from_tensors(stored)
-        self._weights = [(jnp.asarray(w), jnp.asarray(b)) for w, b in zip(actor.weights, actor.biases, strict=True)]
+        self._weights = weights_of(Actor.from_tensors(stored))
         self.done += 1
 
     def _ride(self) -> dict[str, NDArray[np.float32]]:
@@ -275,9 +271,5 @@ def _drawn(sizes: tuple[int, ...], seed: int) -> Weights:
 
 def _cost(weights: Weights, seen: jax.Array, shown: jax.Array) -> jax.Array:
     """Return the mean squared error of the actions, those of the lean request weighted."""
-    hidden = seen
-    for kernel, bias in weights[:-1]:
-        hidden = jax.nn.relu(hidden @ kernel + bias)
-    kernel, bias = weights[-1]
-    error = jnp.tanh(hidden @ kernel + bias) - shown
+    error = jnp.tanh(forward(weights, seen)) - shown
     return jnp.mean(jnp.array([STEERED, 1.0]) * error**2)

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from bike_policy.contract.observation import Rows, VehicleRows
 from bike_policy.contract.reference import KEPT, LineTables
+from bike_policy.planning.line_law import Plans, plan_at
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike import tyres
 from bike_sim.schema import LIMITS, LOOK, SIGNALS, STATE
@@ -123,6 +124,10 @@ MEMORY: Final = np.dtype(
 fixes that were seen; what was found; delay in control periods and answers that were given; the last measurements;
 evidence against each delay, and throttles sent, newest first; the lateral error before; residuals; noise (m, rad); the
 estimate and its variances; motion since the last fix (m, rad); angle of the rear wheel and its rate (rad, rad/s)."""
+
+
+_CURVATURE_OF, _CREST_OF = 0, 1
+"""Columns of a line's table."""
 
 
 class _Line(NamedTuple):
@@ -230,7 +235,7 @@ class RideObserver:
             lines = self._lines
             for row in np.flatnonzero(old).tolist():
                 table = (lines.samples, lines.offset, lines.last, lines.spacing)
-                look[row, _CURVATURE_SHOWN] = _curvature(table, row, look[row, _SHOWN[0]])
+                look[row, _CURVATURE_SHOWN] = plan_at(table, row, _CURVATURE_OF, look[row, _SHOWN[0]])
                 ahead, aside = memory["ahead"][row], memory["aside"][row]
                 cos, sin = math.cos(memory["turned"][row]), math.sin(memory["turned"][row])
                 x, y = points[row, :, :, 0] - ahead, points[row, :, :, 1] - aside
@@ -250,25 +255,10 @@ def _further(points: FloatArray, passed: float) -> FloatArray:
     return np.asarray(0.5 * (1.0 - u) * (2.0 - u) * near + u * (2.0 - u) * middle - 0.5 * u * (1.0 - u) * far)
 
 
-_Tables = tuple[FloatArray, NDArray[np.int64], NDArray[np.int64], FloatArray]
-"""Curvatures of all lines, and of each ride its first row in them, its number of intervals less one, their length."""
-
-
-@njit(cache=True)
-def _curvature(tables: _Tables, row: int, s: float, column: int = 0) -> float:
-    """Return the curvature of a ride's line at an arc length of any lap, or with column 1 that of its height, 1/m."""
-    samples, offset, last, spacing = tables
-    u = (s % (spacing[row] * (last[row] + 1))) / spacing[row]
-    i = min(int(u), last[row])
-    u -= i
-    i += offset[row]
-    return float(samples[i, column] + u * (samples[i + 1, column] - samples[i, column]))
-
-
 @njit(cache=True)
 def _observe(
     seen: FloatArray, wheels: FloatArray, memory: Record, period: float, lags: tuple[float, float],
-    centre: tuple[float, float], tables: _Tables, rates: FloatArray,
+    centre: tuple[float, float], tables: Plans, rates: FloatArray,
 ) -> None:  # fmt: skip
     for row in range(len(seen)):
         ride, now = memory[row], seen[row]
@@ -307,7 +297,7 @@ def _begin(ride: Record, now: FloatArray) -> None:
 
 @njit(cache=True)
 def _follow(
-    ride: Record, now: FloatArray, period: float, centre: tuple[float, float], tables: _Tables, row: int
+    ride: Record, now: FloatArray, period: float, centre: tuple[float, float], tables: Plans, row: int
 ) -> float:
     """Go on to a later instant, take in what is measured there, and return the time in between, s.
 
@@ -322,7 +312,7 @@ def _follow(
         elapsed *= min(max(1.0, np.rint((now[_PROGRESS] - before[_PROGRESS]) / (max(1.0, now[_SPEED]) * period))), 10.0)
     _judge(ride, now, period, held or elapsed > period)
     speed, yaw_rate = 0.5 * (before[_SPEED] + now[_SPEED]), 0.5 * (before[_YAW_RATE] + now[_YAW_RATE])
-    curvature = _curvature(tables, row, ride.progress)
+    curvature = plan_at(tables, row, _CURVATURE_OF, ride.progress)
     _reckon(ride, speed, yaw_rate, curvature, elapsed)
     sideways = 0.5 * (before[_SIDEWAYS] + now[_SIDEWAYS]) - curvature * speed * speed
     turning = centre[1] * math.cos(ride.roll) * (now[_ROLL_RATE] - before[_ROLL_RATE])
@@ -435,7 +425,7 @@ def _spread(residuals: FloatArray, count: int) -> float:
 @njit(cache=True)
 def _estimate(
     rows: NDArray[np.int64], states: FloatArray, looks: FloatArray, signals: FloatArray, memory: Record,
-    tables: _Tables, machine: Record, above: float,
+    tables: Plans, machine: Record, above: float,
 ) -> None:  # fmt: skip
     """Write what the tyres do by accelerations, wheel rates and the motion of the rear contact.
 
@@ -469,7 +459,7 @@ def _estimate(
         signal[_F_SLIP] = state[_FRONT_RATE] * radius * math.cos(machine.w * turn / contact) / contact - 1.0
         drag = 0.5 * air.density * air.drag_area * speed * speed
         along, aside = machine.mass * signal[_LONG] + drag, machine.mass * signal[_ACCELERATION]
-        crest = _curvature(tables, row, look[_SHOWN[0]], 1)
+        crest = plan_at(tables, row, _CREST_OF, look[_SHOWN[0]])
         load = machine.mass * (machine.g + crest * speed * speed)
         load = max(load + 0.5 * air.density * air.down_area * speed * speed * cos, 0.0)
         height = machine.com_height * cos

@@ -189,8 +189,9 @@ class RaceInterface:
         if self._grip is not None:
             self._grip.update(self.observer.observe(rows), self.observer.force_errors)
             self._show_grip(self._grip)
+        elif self._guide is None:
+            self.observer.observe(rows)  # it follows each control period, and a guide shows them to it
         if self._guide is None:
-            self.observer.observe(rows)
             return self._action.to_commands(actions, self._max_steer, rows.look[:, SPEED])
         targets = self._action.to_targets(actions)
         # What the targets change is the speed that is asked.
