@@ -79,24 +79,14 @@ def check_options(others: dict[str, Any], max_steps: int) -> None:
 
 def register() -> None:
     """Register the ids, unless they are. Gymnasium 1 looks for no plug-ins, so an import has to do it."""
-    for name, (task, steps) in IDS.items():
+    tasks = "bike_training.benchmark.tasks"
+    own = ("bike_training.envs.env:BikeEnv", "bike_training.gymnasium_ids:make_vector")
+    frozen = (f"{tasks}:make_env", f"{tasks}:make_vector")
+    rows = [(name, steps, own, {"task": task}) for name, (task, steps) in IDS.items()]
+    rows += [(name, steps, frozen, {"name": name}) for name, steps in BENCHMARK_STEPS.items()]
+    for name, steps, (single, vector), arguments in rows:
         if name not in gym.registry:
-            gym.register(
-                name,
-                entry_point="bike_training.envs.env:BikeEnv",
-                vector_entry_point="bike_training.gymnasium_ids:make_vector",
-                max_episode_steps=steps,
-                kwargs={"task": task},
-            )
-    for name, steps in BENCHMARK_STEPS.items():
-        if name not in gym.registry:
-            gym.register(
-                name,
-                entry_point="bike_training.benchmark.tasks:make_env",
-                vector_entry_point="bike_training.benchmark.tasks:make_vector",
-                max_episode_steps=steps,
-                kwargs={"name": name},
-            )
+            gym.register(name, entry_point=single, vector_entry_point=vector, max_episode_steps=steps, kwargs=arguments)
 
 
 register()
