@@ -253,15 +253,17 @@ def references_of(vehicle: Superbike, adaptive: bool = False) -> Callable[[Cours
 
     Args:
         vehicle: the machine.
-        adaptive: whether with the speeds on roads of less grip.
+        adaptive: whether they are plans of the classical rider, with the speeds on roads of less grip: an actor that
+            imitates it sees what it rides by.
     """
+    settings = CLASSICAL_SETTINGS if adaptive else REFERENCE
 
     @lru_cache(maxsize=KEPT)
     def reference(line: Course) -> Reference:
-        profile = plan_lap(vehicle, line, REFERENCE)
-        columns = [smooth_curvature(profile, REFERENCE.smoothing), profile.speed]
+        profile = plan_lap(vehicle, line, settings)
+        columns = [smooth_curvature(profile, settings.smoothing), profile.speed]
         for grip in GRIPS[1:] if adaptive else ():
-            columns.append(plan_lap(on_grip(vehicle, grip), line, REFERENCE, columns[-1][:-1]).speed)
+            columns.append(plan_lap(on_grip(vehicle, grip), line, settings, columns[-1][:-1]).speed)
         return Reference(float(profile.s[1]), np.stack(columns, axis=1))
 
     return reference

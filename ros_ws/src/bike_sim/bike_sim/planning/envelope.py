@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -31,6 +32,9 @@ ROLL_RATES: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
 LEAN_RATE_REACHED: Final = 1.1
 """Lean rate that a machine reaches, by that of its rider's reference: it follows by feedback and so passes it at times;
 over 0.4 s by at most 1.07 in rides."""
+
+KEPT: Final = 256
+"""Machines whose limits are kept: plans of many worlds ask for the same ones again."""
 
 LATERAL, DRIVE, BRAKE = range(3)
 _LEAST_EFFORT: Final = 1e-6
@@ -282,6 +286,7 @@ def point_mass_envelope(lateral_g: float = 1.4) -> Envelope:
     )
 
 
+@lru_cache(maxsize=KEPT)
 def envelope(vehicle: Superbike) -> Envelope:
     """Return the limits of a machine from 5 m/s to beyond its top speed, with all that tyres and electronics give."""
     speeds = np.arange(5.0, 1.1 * vehicle.top_gear_speed, 1.0)
