@@ -63,6 +63,7 @@ SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
         *(f"{_ROLLOUT}/{name}.py" for name in ("laps", "races", "worlds")),
         *(f"{_POLICY}/riders/{name}.py" for name in ("classical", "racing")),
     ),
+    "adaptive": (f"{_POLICY}/policies/adaptive",),
     "optimum": (f"{_POLICY}/riders/optimum.py", f"{_ROLLOUT}/optimum.py"),
     "learning": tuple(f"training/bike_training/{name}" for name in ("tasks", "curricula", "learning", "presets")),
     "exporting": (_CONTRACT[0], f"{_POLICY}/policies", "training/bike_training/exporting"),

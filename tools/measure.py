@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import math
 import os
 import subprocess
 import sys
@@ -152,6 +153,18 @@ def bicycles(answers: Sequence[Any]) -> Rows:
     return [["bicycle", "balances itself from, m/s", "to, m/s", "eigenvalues, largest error, 1/s"], *rows]
 
 
+def worlds(answers: Sequence[Any]) -> Rows:
+    """Return how riders met unknown worlds, a row for each rider and kind of world."""
+    rows = []
+    for found in (answer["figures"] for answer in answers):
+        for kind, each in found["summary"].items():
+            compared = each if each["compared"] else dict.fromkeys(each, math.nan)
+            texts = [text.format(**each) for text in WORLDS.values()]
+            over = "{excess:+.1%} ({excess_low:+.1%} to {excess_high:+.1%})".format(**compared)
+            rows.append([kind if kind == "worlds" else f"`{kind}`", f"`{found['policy']}`", *texts, over])
+    return [["worlds", "rider", *WORLDS, "median lap over the oracle's (95 %)"], *sorted(rows, key=lambda row: row[0])]
+
+
 class Table(NamedTuple):
     """A data file.
 
@@ -169,6 +182,10 @@ def _circuits(first: int, last: int) -> tuple[str]:
     return ("--course " + ",".join(f"random_circuit:{seed}" for seed in range(first, last + 1)),)
 
 
+WORLDS: Final = {
+    "rides that count": "{counted} of {rides}", "whole": "{whole}",
+    "share (95 %)": "{share:.1%} ({share_low:.1%} to {share_high:.1%})", "lost in the first lap": "{lost_first}",
+}  # fmt: skip
 EVALUATION: Final = {
     "speed, m/s": "{speed_m_s:.2f}", "mean, m": "{mean_m:.4f}", "largest, m": "{max_m:.3f}",
     "roll, °": "{max_roll_deg:.0f}", "worst section": "{section}", "random paths: mean, m": "{random_mean_m:.3f}",
@@ -236,6 +253,7 @@ TABLES: Final[Mapping[str, Table]] = {
     "guide_pairs": Table(races),
     "adaptive_disturbed": Table(races),
     "classical_disturbed": Table(races),
+    "worlds": Table(worlds, ("classical", "adaptive", "racer", "generalist", "spdl_barcelona")),
     "held_pairs": Table(races),
     "racer_random": Table(races, _circuits(100, 139)),
     "generalist_pairs": Table(races),

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from safetensors.numpy import load_file
 
 from bike_policy.contract.action import STEERING_SET_VALUE, ActionLayout
 from bike_policy.contract.bundle import Actor, Bundle, load_bundle
@@ -23,7 +24,7 @@ from bike_training.exporting.onnx_file import check_onnx, onnx_bytes
 from bike_training.learning.checkpoint import Checkpoint
 from bike_training.learning.presets import Preset
 from bike_training.learning.progress import chosen_actor
-from bike_training.learning.run_settings import GRADIENT_POLICY, machines_of
+from bike_training.learning.run_settings import GRADIENT_POLICY, IMITATED, machines_of
 
 SCHEMA: Final = "bike.export/1"
 
@@ -39,6 +40,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if actor is None and args.which is None:
             print(f"there is no {wanted!r} actor yet, so this is the last one", file=sys.stderr)
             actor, which, step = chosen_actor(checkpoint.run["progress"], "last", summary["steps"])
+    imitated = args.run / IMITATED
+    if actor is None and args.which is None and imitated.is_file():
+        print("learning has not begun, so it is the imitating one", file=sys.stderr)
+        actor, which, step = Actor.from_tensors(load_file(imitated)), "imitated", 0
     if actor is None:
         advice = "" if which == "last" else ", or export --which last"
         raise ValueError(f"{args.run}: there is no {which!r} actor yet; train longer{advice}")

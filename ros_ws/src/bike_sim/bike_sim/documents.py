@@ -11,6 +11,8 @@ import os
 import stat
 import unicodedata
 from collections.abc import Iterable
+from copy import deepcopy
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -33,6 +35,9 @@ MAX_DEPTH: Final = 20
 
 MAX_NODES: Final = 100_000
 """Most values of a YAML document, with every alias counted as what it stands for."""
+
+KEPT: Final = 64
+"""YAML documents that are kept: reading a vehicle takes a tenth of a second, and batches read it for each row."""
 
 _UNSHOWN: Final = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 # Unicode categories that steer a terminal or a page instead of showing something: control and format characters
@@ -102,7 +107,7 @@ def decode(data: bytes) -> str:
 
 
 def parse_yaml(text: str, as_text: bool = False) -> Any:
-    """Return a YAML document.
+    """Return a YAML document; the same text again takes a copy of what it held before.
 
     Args:
         text: the document; at most MAX_YAML_SIZE characters.
@@ -112,6 +117,11 @@ def parse_yaml(text: str, as_text: bool = False) -> Any:
         DocumentError: it is no YAML, gives a key twice, or is nested or repeated beyond all use; in one line, with the
             row.
     """
+    return deepcopy(_parsed(text, as_text))
+
+
+@lru_cache(maxsize=KEPT)
+def _parsed(text: str, as_text: bool) -> Any:
     if len(text) > MAX_YAML_SIZE:
         raise DocumentError(f"is larger than {_size(MAX_YAML_SIZE)}, the most that is read of a YAML file")
     try:
