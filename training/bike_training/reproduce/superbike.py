@@ -74,9 +74,10 @@ ITERATION: Final = 5000
 """Decisions between two updates of SPDL, as published, however long a run is."""
 
 CHECKPOINTS: Final = 20
-VALIDATIONS: Final = 200
-COMPARISONS: Final = 50
-"""Most of each in a long run: a checkpoint holds the whole replay buffer, the others ride for seconds."""
+VALIDATIONS: Final = 20
+COMPARISONS: Final = 4
+"""Most of each in a long run: a checkpoint holds the whole replay buffer, a validation rides as long as 6,000 decisions
+of learning take, a comparison three times as long."""
 EPISODES_EVERY: Final = 5
 """Rows of a run's log for each row of the table, so that it stays small enough to ship."""
 MOMENT_EVERY: Final = 5
