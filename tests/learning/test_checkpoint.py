@@ -43,7 +43,7 @@ def without_clock(summary: dict) -> dict:
     return {name: value for name, value in summary.items() if name != "seconds"}
 
 
-@pytest.mark.parametrize("learner", ["sb3", pytest.param("sbx", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("learner", ["sb3", "a2c", pytest.param("sbx", marks=pytest.mark.slow)])
 def test_a_run_that_was_stopped_and_resumed_is_the_whole_run_bit_for_bit(learner, tmp_path):
     """Its networks, optimisers, random generators, rides, replay buffer and summary."""
     settings = replace(SETTINGS, preset=PRESET.changed({"learner": learner}))
@@ -58,11 +58,12 @@ def test_a_run_that_was_stopped_and_resumed_is_the_whole_run_bit_for_bit(learner
     assert stored_settings(tmp_path / "parts") == settings
     resumed = run(settings, tmp_path / "parts", resume=True)
     assert without_clock(resumed) == without_clock(whole)
-    assert (resumed["interrupted"], resumed["steps"], resumed["updates"]) == (False, 120, 50)
+    replays = learner != "a2c"
+    assert (resumed["interrupted"], resumed["steps"], resumed["updates"]) == (False, 120, 50 if replays else 12)
     folders = [tmp_path / name / "checkpoint" for name in ("whole", "parts")]
     tensors = [load_file(folder / "tensors.safetensors") for folder in folders]
-    replays = [dict(np.load(folder / "replay.npz")) for folder in folders]
-    for mine, other in (tensors, replays):
+    buffers = [dict(np.load(folder / "replay.npz")) for folder in folders] if replays else ({}, {})
+    for mine, other in (tensors, buffers):
         assert set(mine) == set(other)
         for name, array in mine.items():
             np.testing.assert_array_equal(array, other[name], err_msg=name)

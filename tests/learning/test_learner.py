@@ -14,9 +14,12 @@ from bike_policy.contract.action import DRIVE, LEAN_REQUEST, ActionColumn, Actio
 from bike_policy.contract.bundle import Actor
 from bike_policy.contract.observation import COMPACT, LEAN_LAYOUT, PROP_LAYOUT, Rows
 from bike_sim.schema import GRAVITY
+from bike_sim.vehicles.files import load_vehicle
 from bike_training.learning.learner import MirrorReplayBuffer, actor_tensors, build_model
 from bike_training.learning.preconditioning import coordinates, networks
 from bike_training.learning.presets import load_preset
+from bike_training.learning.process import make_environment
+from bike_training.learning.run_settings import RunSettings
 from bike_training.tasks.path import TASKS
 
 
@@ -52,6 +55,22 @@ def test_the_deployed_actor_answers_as_the_one_that_learns() -> None:
     found = Actor(*actor_tensors(SimpleNamespace(policy=policy))).act_batch(observations)
     assert np.abs(wanted).max() > 1e-3
     assert found == pytest.approx(np.asarray(wanted), abs=1e-5)
+
+
+@pytest.mark.parametrize("learner", ["ppo", "a2c"])
+def test_learners_without_replay_have_the_same_kind_of_actor(learner: str) -> None:
+    """What is deployed answers with the mean of the policy that learned, within [-1, 1]."""
+    preset = load_preset("paper").changed({"learner": learner, "learner.layers": [8, 8], "learner.environments": 2})
+    settings = RunSettings(preset)
+    env = make_environment(settings, preset.task, preset.curriculum.make([load_vehicle("whipple")]).episodes(0))
+    model = build_model(preset.sac, preset.task, env, 0)
+    before = actor_tensors(model)[0][0]
+    model.learn(4096 if learner == "ppo" else 20)
+    assert not np.array_equal(before, actor_tensors(model)[0][0])
+    observations = env.reset()
+    wanted, _ = model.predict(observations, deterministic=True)
+    assert Actor(*actor_tensors(model)).act_batch(observations) == pytest.approx(wanted, abs=1e-6)
+    env.close()
 
 
 def test_critics_see_a_steady_turn_as_no_deviation() -> None:

@@ -215,6 +215,22 @@ def test_overspeed_is_beyond_the_share_and_the_limit(start):
     assert terms["slow"] < -10.0 * 3 * PERIOD
 
 
+@pytest.mark.parametrize("preset", ["race_paper", "race_direct"])
+def test_the_papers_agent_has_no_plan(start, preset):
+    """Twice the planned speed changes neither observation nor reward; that of `race_direct` it does."""
+    chosen = load_preset(preset)
+    share = chosen.curriculum.share
+    shown, terms = [], []
+    for part in (share, 2.0 * share):
+        rides = rides_of(start, chosen.task, RaceContext(v_max=30.0 if share > 1.0 else 90.0, share=part))
+        shown.append(rides.observe(start[0]))
+        result, _ = decide(rides, start[0], lambda row: forward(row, 80.0))
+        terms.append(float(result.terms["overspeed"][0]))
+    assert terms[0] < 0.0
+    assert (terms[0] == terms[1]) == (preset == "race_paper")
+    assert np.array_equal(*shown) or preset != "race_paper"
+
+
 @given(a=st.floats(-0.3, 0.3), b=st.floats(-0.3, 0.3))
 def test_the_history_penalty_counts_swings_only(a, b):
     penalty = float(history_penalty(np.array([[a, b]]))[0])

@@ -21,8 +21,8 @@ import torch
 from numpy.typing import NDArray
 from safetensors.numpy import load_file, save_file
 from stable_baselines3 import SAC
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from bike_training.arguments import write_whole
 
@@ -68,7 +68,7 @@ _KEYS: Final = ("key", "policy.key", "policy.noise_key")
 """Attributes in which sbx keeps networks with their optimisers, and its random keys."""
 
 
-def _learner_state(model: OffPolicyAlgorithm) -> dict[str, Any]:
+def _learner_state(model: BaseAlgorithm) -> dict[str, Any]:
     """Return all of a learner but its replay buffer, as plain values and arrays."""
     started = model._last_obs is not None
     version, words, gauss = random.getstate()
@@ -87,7 +87,7 @@ def _learner_state(model: OffPolicyAlgorithm) -> dict[str, Any]:
     }
 
 
-def _restore_learner(model: OffPolicyAlgorithm, stored: dict[str, Any]) -> None:
+def _restore_learner(model: BaseAlgorithm, stored: dict[str, Any]) -> None:
     """Let a new learner of the same settings go on from a stored state, bit for bit."""
     for name in _COUNTERS:
         setattr(model, name, stored["counters"][name])
@@ -95,7 +95,7 @@ def _restore_learner(model: OffPolicyAlgorithm, stored: dict[str, Any]) -> None:
     model.ep_success_buffer = deque(maxlen=model._stats_window_size)  # no task here tells of success
     model._last_obs = stored["last_observations"]
     model._last_episode_starts = stored["last_episode_starts"]
-    restore = _restore_torch if isinstance(model, SAC) else _restore_jax
+    restore = _restore_torch if isinstance(model.policy, torch.nn.Module) else _restore_jax
     restore(model, stored["networks"])
     generators = stored["generators"]  # last: making a learner draws
     python = generators["python"]
@@ -107,17 +107,20 @@ def _restore_learner(model: OffPolicyAlgorithm, stored: dict[str, Any]) -> None:
 
 def _networks(model: Any) -> dict[str, Any]:
     """Return networks, optimisers and random keys by name, as tables of arrays."""
-    if isinstance(model, SAC):
+    if isinstance(model.policy, torch.nn.Module):
         found = {name: part.state_dict() for name, part in _torch_parts(model).items()}
-        return found if model.log_ent_coef is None else {**found, "log_ent_coef": model.log_ent_coef.detach()}
+        entropy = getattr(model, "log_ent_coef", None)
+        return found if entropy is None else {**found, "log_ent_coef": entropy.detach()}
     from flax.serialization import to_state_dict
 
     states = {name: to_state_dict(_attribute(model, name)) for name in _TRAIN_STATES}
     return {**states, **{name: _attribute(model, name) for name in _KEYS}}
 
 
-def _torch_parts(model: SAC) -> dict[str, Any]:
+def _torch_parts(model: Any) -> dict[str, Any]:
     """Return what holds tensors, by name; the policy holds actor, critics and their targets."""
+    if not isinstance(model, SAC):
+        return {"policy": model.policy, "policy.optimizer": model.policy.optimizer}
     found: dict[str, Any] = {
         "policy": model.policy,
         "actor.optimizer": model.actor.optimizer,
@@ -137,7 +140,7 @@ def _restore_torch(model: Any, stored: dict[str, Any]) -> None:
         state = {int(number): _tensors(moments) for number, moments in stored[name]["state"].items()}
         # The groups hold settings only, which the new learner has already.
         part.load_state_dict({"state": state, "param_groups": part.state_dict()["param_groups"]})
-    if model.log_ent_coef is not None:
+    if "log_ent_coef" in stored:
         model.log_ent_coef.data = torch.from_numpy(stored["log_ent_coef"])
 
 
@@ -192,7 +195,7 @@ _STATE, _TENSORS, _REPLAY = "state.json", "tensors.safetensors", "replay.npz"
 _ARRAYS: Final = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
-def save_checkpoint(folder: Path, model: OffPolicyAlgorithm, run_state: dict[str, Any]) -> None:
+def save_checkpoint(folder: Path, model: BaseAlgorithm, run_state: dict[str, Any]) -> None:
     """Write a checkpoint into ``folder/checkpoint``.
 
     Args:
@@ -206,12 +209,11 @@ def save_checkpoint(folder: Path, model: OffPolicyAlgorithm, run_state: dict[str
         standing.rename(current)  # a kill came between the two renames below
     shutil.rmtree(fresh, ignore_errors=True)
     fresh.mkdir(parents=True)
-    buffer = model.replay_buffer
-    assert buffer is not None
-    end = buffer.buffer_size if buffer.full else buffer.pos
-    np.savez(
-        fresh / _REPLAY, pos=buffer.pos, full=buffer.full, **{name: getattr(buffer, name)[:end] for name in _ARRAYS}
-    )
+    buffer = getattr(model, "replay_buffer", None)
+    if buffer is not None:
+        end = buffer.buffer_size if buffer.full else buffer.pos
+        kept = {name: getattr(buffer, name)[:end] for name in _ARRAYS}
+        np.savez(fresh / _REPLAY, pos=buffer.pos, full=buffer.full, **kept)
     arrays: dict[str, NDArray[Any]] = {}
     state = {"format": FORMAT, "run": run_state, "learner": _learner_state(model)}
     text = json.dumps(_without_arrays(state, "", arrays))
@@ -267,15 +269,16 @@ class Checkpoint:
             self.run: dict[str, Any] = state["run"]
             self._learner: dict[str, Any] = state["learner"]
 
-    def restore(self, model: OffPolicyAlgorithm) -> None:
+    def restore(self, model: BaseAlgorithm) -> None:
         """Let a new learner of the same settings go on from here, random generators of the process included.
 
         Raises:
             ValueError: it is damaged, or of another task.
         """
-        path = self._folder / _REPLAY
-        with readable(path):
-            _load_replay(path, model.replay_buffer)
+        path, buffer = self._folder / _REPLAY, getattr(model, "replay_buffer", None)
+        if buffer is not None:
+            with readable(path):
+                _load_replay(path, buffer)
         with self.reading():
             _restore_learner(model, self._learner)
 
@@ -303,8 +306,7 @@ def readable(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _load_replay(path: Path, buffer: ReplayBuffer | None) -> None:
-    assert buffer is not None
+def _load_replay(path: Path, buffer: ReplayBuffer) -> None:
     with np.load(path, allow_pickle=False) as stored:
         if stored["rewards"].shape[1] == buffer.n_envs:
             for name in _ARRAYS:

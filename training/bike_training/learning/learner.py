@@ -1,16 +1,17 @@
-"""The learners: Stable-Baselines3's SAC and its JAX sibling, with mirrored replay, and the actor taken out of them."""
+"""The learners: Stable-Baselines3's SAC, its JAX sibling, PPO and A2C, mirrored replay, and the actor of each."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from stable_baselines3 import SAC
+from stable_baselines3 import A2C, PPO, SAC
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -57,9 +58,22 @@ class MirrorReplayBuffer(ReplayBuffer):
         return data
 
 
+ON_POLICY: Final[Mapping[str, tuple[type[BaseAlgorithm], int]]] = {"ppo": (PPO, 2048), "a2c": (A2C, 5)}
+"""Learners without a replay buffer, with the steps between two updates of Stable-Baselines3: of all vehicles of PPO, of
+each of A2C."""
+
+
+class BoundedPolicy(ActorCriticPolicy):
+    """Policy of PPO and A2C whose mean action passes through tanh, as that of a deployed actor."""
+
+    def _build(self, lr_schedule: Any) -> None:
+        super()._build(lr_schedule)
+        self.action_net: torch.nn.Module = torch.nn.Sequential(self.action_net, torch.nn.Tanh())
+
+
 def build_model(
     algorithm: SacSettings, task: Task, env: VecEnv, seed: int, start: Actor | None = None
-) -> OffPolicyAlgorithm:
+) -> BaseAlgorithm:
     """Make a learner.
 
     Args:
@@ -74,6 +88,18 @@ def build_model(
     """
     if algorithm.precondition and algorithm.learner != "sbx":
         raise ValueError(f"setting learner.precondition=True needs the learner sbx, not {algorithm.learner}")
+    first, last = algorithm.learning_rate, algorithm.final_learning_rate
+
+    def rate(remaining: float) -> float:
+        return last + (first - last) * remaining
+
+    torch.set_num_threads(1)  # samples are small: more threads wait for each other, and for programs beside them
+    if algorithm.learner in ON_POLICY:
+        kind, steps = ON_POLICY[algorithm.learner]
+        steps = max(steps // env.num_envs, 1) if kind is PPO else steps
+        form = {"net_arch": list(algorithm.layers), "activation_fn": torch.nn.ReLU}
+        own: dict[str, Any] = {"learning_rate": rate, "n_steps": steps, "gamma": algorithm.gamma, "seed": seed}
+        return kind(BoundedPolicy, env, device="cpu", policy_kwargs=form, **own)
     buffer: dict[str, Any] = {}
     if algorithm.mirror:
         buffer = {
@@ -85,9 +111,8 @@ def build_model(
             },
         }
     # One update a step is SB3's own pace; with many bicycles a step counts for all of them.
-    first, last = algorithm.learning_rate, algorithm.final_learning_rate
     common: dict[str, Any] = {
-        "learning_rate": lambda remaining: last + (first - last) * remaining,
+        "learning_rate": rate,
         "buffer_size": algorithm.buffer_size,
         "learning_starts": algorithm.learning_starts,
         "batch_size": algorithm.batch_size,
@@ -101,7 +126,6 @@ def build_model(
         "seed": seed,
         **buffer,
     }
-    torch.set_num_threads(1)  # samples are small: more threads wait for each other, and for programs beside them
     if algorithm.learner == "sb3":
         return SAC("MlpPolicy", env, device="cpu", **common)
     from sbx import SAC as JaxSAC
@@ -121,11 +145,14 @@ def build_model(
     return model
 
 
-def actor_tensors(model: OffPolicyAlgorithm) -> tuple[list[NDArray[np.float32]], list[NDArray[np.float32]]]:
+def actor_tensors(model: BaseAlgorithm) -> tuple[list[NDArray[np.float32]], list[NDArray[np.float32]]]:
     """Return weights (outputs, inputs) and biases of the mean action's network, layer by layer."""
-    if isinstance(model, SAC):
-        layers = [m for m in model.actor.latent_pi if isinstance(m, torch.nn.Linear)]
-        layers.append(model.actor.mu)  # type: ignore[arg-type]
+    if isinstance(model, SAC | A2C | PPO):
+        if isinstance(model, SAC):
+            parts = [*model.actor.latent_pi, model.actor.mu]
+        else:
+            parts = [*model.policy.mlp_extractor.policy_net, *model.policy.action_net]
+        layers = [part for part in parts if isinstance(part, torch.nn.Linear)]
         return (
             [layer.weight.detach().numpy().copy() for layer in layers],
             [layer.bias.detach().numpy().copy() for layer in layers],
@@ -155,7 +182,7 @@ class AveragedActor:
         self.biases: list[NDArray[np.float32]] = []
         self.count = 0
 
-    def update(self, model: OffPolicyAlgorithm, times: int = 1) -> None:
+    def update(self, model: BaseAlgorithm, times: int = 1) -> None:
         """Take in the present weights as if they had been seen a number of times."""
         weights, biases = actor_tensors(model)
         self.count += times

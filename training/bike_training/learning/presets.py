@@ -37,12 +37,16 @@ MOST_AVERAGING: Final = (0.0, 0.999999)
 """Limits of the share that an average keeps: 1 would never take in the actor."""
 
 
+SAC_LEARNERS: Final = ("sb3", "sbx", "ppo", "a2c")
+
+
 @dataclass(frozen=True, kw_only=True)
 class SacSettings(Settings):
     """Settings of soft actor-critic (Haarnoja et al. 2018), and of what goes with it here.
 
     Attributes:
-        learner: ``sb3`` (Stable-Baselines3, torch) or ``sbx`` (its sibling in JAX).
+        learner: ``sb3`` (Stable-Baselines3, torch) or ``sbx`` (its sibling in JAX); ``ppo`` and ``a2c`` of
+            Stable-Baselines3 take environments, layers, learning rates, discount and averaging; the rest is theirs.
         environments: vehicles that ride side by side.
         updates: gradient updates after each step of all vehicles.
         layers: hidden layers of actor and critics.
@@ -104,7 +108,7 @@ class SacSettings(Settings):
     def __post_init__(self) -> None:
         """Refuse values that mean nothing."""
         super().__post_init__()
-        check_choice("learner.learner", self.learner, ("sb3", "sbx"))
+        check_choice("learner.learner", self.learner, SAC_LEARNERS)
         if self.rounds and self.learner != "sbx":
             raise ValueError(f"setting learner.rounds={self.rounds} needs the learner sbx, not {self.learner}")
         for name in ("anchor", "critic_steps"):
@@ -198,7 +202,7 @@ KINDS: Final[Mapping[str, Mapping[str, type[Any]]]] = {
         "target": TargetSettings,
         "schedule": ScheduleSettings,
     },
-    "learner": {"sb3": SacSettings, "sbx": SacSettings, "gradients": GradientSettings},
+    "learner": {**dict.fromkeys(SAC_LEARNERS, SacSettings), "gradients": GradientSettings},
 }
 """Records by place and by the name of their kind, which they hold under the name of their place."""
 

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from safetensors.numpy import load_file
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, make_output_format
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
 from bike_policy.contract.bundle import Actor, Bundle
@@ -88,7 +88,7 @@ class LearningProcess(BaseCallback):
         progress: how far it has come.
     """
 
-    model: OffPolicyAlgorithm
+    model: BaseAlgorithm
 
     def __init__(self, settings: RunSettings, out: Path, steps: int, resume: bool = False) -> None:
         """Prepare a run.

@@ -83,8 +83,9 @@ LEARNING_START_SECONDS: Final = 14.0
 """Processor time until the first step: packages are loaded and updates compiled, s."""
 STEP_SECONDS: Final = {"local": 1.5e-4, "ros": 1.2e-3}
 """Processor time of a step of one vehicle, by client, s."""
-UPDATE_SECONDS: Final = {"sbx": 1.1e-3, "sb3": 6.0e-3}
-"""Processor time of an update with the default networks and batch, by learner, s. Rough estimate."""
+UPDATE_SECONDS: Final = {"sbx": 1.1e-3, "sb3": 6.0e-3, "ppo": 4.0e-4, "a2c": 2.0e-4}
+"""Processor time of an update with the default networks and batch, by learner, s; of those without a replay buffer all
+their passes over the steps of an environment. Rough estimate."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.observation import FINE_LAYOUT, LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout, VehicleRows
-from bike_sim.physics.state import ROLL
+from bike_sim.physics.state import ROLL, ROLL_RATE
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview
 from bike_sim.vehicles.bicycle import Vehicle
@@ -27,35 +27,42 @@ DISTANCE_THRESHOLD: Final = 3.5
 """eta_y, m."""
 ROLL_THRESHOLD: Final = math.radians(45.0)
 """eta_phi, rad."""
+ROLL_RATE_THRESHOLD: Final = math.radians(45.0)
+"""Of the roll's rate, rad/s; the paper's is not published."""
 VALIDATION_THRESHOLD: Final = 0.2
 """Mean distance of a successful validation ride, m (eta_e times eta_y, Eq. 13)."""
 VALIDATION_DURATION: Final = 30.0
 """Duration of a validation ride, s (Sect. 4.2)."""
 
 
-def _path_linear(task: PathTask, distance: FloatArray, roll: FloatArray) -> FloatArray:
+def _path_linear(task: PathTask, distance: FloatArray, state: FloatArray) -> FloatArray:
     """Eq. (8)."""
     return np.clip((DISTANCE_THRESHOLD - distance) / DISTANCE_THRESHOLD, 0.0, 1.0)
 
 
-def _path_exponential(task: PathTask, distance: FloatArray, roll: FloatArray) -> FloatArray:
+def _path_exponential(task: PathTask, distance: FloatArray, state: FloatArray) -> FloatArray:
     """Eq. (9)."""
     return np.exp(-0.5 * distance**2)
 
 
-def _path_peak(task: PathTask, distance: FloatArray, roll: FloatArray) -> FloatArray:
+def _path_peak(task: PathTask, distance: FloatArray, state: FloatArray) -> FloatArray:
     """Laplace peak of width `sharpness`, so that the last centimetres count as well. Not from the paper."""
     return np.exp(-distance / task.sharpness)
 
 
-def _path_close(task: PathTask, distance: FloatArray, roll: FloatArray) -> FloatArray:
+def _path_close(task: PathTask, distance: FloatArray, state: FloatArray) -> FloatArray:
     """Peak of width `sharpness` with a long tail: millimetres count, and so does a way back of metres. Ours."""
     return 1.0 / (1.0 + distance / task.sharpness)
 
 
-def _upright(task: PathTask, distance: FloatArray, roll: FloatArray) -> FloatArray:
+def _upright(task: PathTask, distance: FloatArray, state: FloatArray) -> FloatArray:
     """Eq. (10)."""
-    return np.clip((ROLL_THRESHOLD - np.abs(roll)) / ROLL_THRESHOLD, 0.0, 1.0)
+    return np.clip((ROLL_THRESHOLD - np.abs(state[:, ROLL])) / ROLL_THRESHOLD, 0.0, 1.0)
+
+
+def _steady(task: PathTask, distance: FloatArray, state: FloatArray) -> FloatArray:
+    """Eq. (10) with the roll's rate in place of the roll, as Sect. 6 proposes."""
+    return np.clip((ROLL_RATE_THRESHOLD - np.abs(state[:, ROLL_RATE])) / ROLL_RATE_THRESHOLD, 0.0, 1.0)
 
 
 REWARD_TERMS: Final[Mapping[str, Callable[[PathTask, FloatArray, FloatArray], FloatArray]]] = {
@@ -64,8 +71,9 @@ REWARD_TERMS: Final[Mapping[str, Callable[[PathTask, FloatArray, FloatArray], Fl
     "path_peak": _path_peak,
     "path_close": _path_close,
     "upright": _upright,
+    "steady": _steady,
 }
-"""Terms of the reward by name: functions in [0, 1] of distance to the path (m) and roll (rad)."""
+"""Terms of the reward by name: functions in [0, 1] of distance to the path (m) and the bicycle's state."""
 
 LINEAR: Final[Mapping[str, float]] = {"path_linear": 1.0}
 SHARP: Final[Mapping[str, float]] = {"path_linear": 0.5, "path_peak": 0.5}
@@ -180,8 +188,8 @@ class PathTask(Task):
 
         Their sum, the reward, lies in [0, 1] for the paper's weights, also on the step that leaves the thresholds.
         """
-        distance, roll = self.error(rows), rows.state[:, ROLL]
-        return {name: weight * REWARD_TERMS[name](self, distance, roll) for name, weight in self.weights.items()}
+        distance, state = self.error(rows), rows.state
+        return {name: weight * REWARD_TERMS[name](self, distance, state) for name, weight in self.weights.items()}
 
     def failed(self, rows: VehicleRows) -> NDArray[np.bool_]:
         """Return where a ride has failed: too far from the path or fallen (Sect. 4). NaN has failed."""
