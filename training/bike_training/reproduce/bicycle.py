@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from bike_policy.contract.bundle import Bundle, load_bundle
@@ -32,7 +33,7 @@ from bike_sim.validation import bicycle as validation
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.learning.presets import load_preset
 from bike_training.learning.progress import stored_actor
-from bike_training.reproduce.bicycle_results import PAPER, STATEMENTS, TABLES, controller_1
+from bike_training.reproduce.bicycle_results import NO_SEED, PAPER, STATEMENTS, TABLES, controller_1
 from bike_training.reproduce.data import Tables, table
 from bike_training.reproduce.figures import BICYCLE_FIGURES
 from bike_training.reproduce.paper import Advance, Experiment, Paper, Rows, learned
@@ -40,8 +41,25 @@ from bike_training.rollout.evaluation import SPEEDS, evaluate
 from bike_training.rollout.rollout import ride_through, rollout, time_for
 from bike_training.tasks.path import DISTANCE_THRESHOLD
 
-SETTINGS: Final = ("prop", "alt1", "alt2", "alt3", "alt4", "alt5")
-"""Names of Table 5."""
+TABLE_5: Final = ("prop", "alt1", "alt2", "alt3", "alt4", "alt5")
+MORE: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
+    "alt2-plain": ("alt2", {"learner.precondition": False}),
+    "steady": ("alt5", {"task.weights": {"path_linear": 0.5, "steady": 0.5}}),
+    **{
+        name: (
+            "paper",
+            {"learner": name, "learner.precondition": False, "learner.averaging": 0.0}
+            | dict.fromkeys(("learner.learning_rate", "learner.final_learning_rate"), rate),
+        )
+        for name, rate in (("ppo", 3e-4), ("a2c", 7e-4))
+    },
+}
+"""Settings beside Table 5 with their presets and what differs: alt(2) without the coordinates that turn a preview by
+distance into lean; alt(5) with the rate of the roll (Sect. 6); PPO and A2C in place of SAC (Sect. 5.1), at the learning
+rates of Stable-Baselines3."""
+EXPLAINED: Final = "prop"
+"""Setting all of whose controllers are explained."""
+SETTINGS: Final = (*TABLE_5, *MORE)
 JUNCTION: Final = "junction"
 JUNCTION_SPEED: Final = 4.0
 """Course and speed of Fig. 11, m/s."""
@@ -82,7 +100,7 @@ class BicycleExperiment(Experiment):
     """Settings of the experiments.
 
     Attributes:
-        settings: of Table 5, by name.
+        settings: of Table 5, or of `MORE`, by name.
         steps: n_tot.
         speeds: that controllers ride at, m/s.
         longest: longest ride, s.
@@ -109,11 +127,12 @@ class BicycleExperiment(Experiment):
     def base(self) -> dict[str, Any]:
         """Return the entries of every run."""
         learner = dict(self.learner) or fast_means()
-        return {"vehicle": VEHICLE, "steps": self.steps, "until_finished": True, "set": learner}
+        return {"vehicle": VEHICLE, "steps": self.steps, "set": learner}
 
     def entries(self, setting: str) -> dict[str, Any]:
         """Return the entries of the runs of a setting."""
-        return {"preset": preset_of(setting)}
+        _, changes = MORE.get(setting, ("", {}))
+        return {"preset": preset_of(setting), **({"set": dict(changes)} if changes else {})}
 
 
 QUICK: Final = BicycleExperiment(
@@ -151,8 +170,8 @@ def fast_means() -> dict[str, Any]:
 
 
 def preset_of(setting: str) -> str:
-    """Return the preset of a name in Table 5."""
-    return "paper" if setting == "prop" else setting
+    """Return the preset of a setting."""
+    return MORE[setting][0] if setting in MORE else "paper" if setting == "prop" else setting
 
 
 def controller(folder: Path, setting: str, which: str) -> Bundle | None:
@@ -162,7 +181,7 @@ def controller(folder: Path, setting: str, which: str) -> Bundle | None:
 
     Args:
         folder: of the run.
-        setting: name in Table 5.
+        setting: its name.
         which: as in `BicycleExperiment`.
     """
     with learned(folder) as progress:
@@ -177,7 +196,10 @@ def controller(folder: Path, setting: str, which: str) -> Bundle | None:
 
 
 def ride(folder: Path, setting: str, seed: int, experiment: BicycleExperiment, advance: Advance) -> Rows | None:
-    """Ride the controller of a run at all speeds on the benchmark path and on random paths (Sects. 5.3.2 and 5.3.3)."""
+    """Ride the controller of a run at all speeds on the benchmark path and on random paths (Sects. 5.3.2 and 5.3.3).
+
+    Those of `EXPLAINED` ride the slalom of Sect. 5.5 as well.
+    """
     bundle = controller(folder, setting, experiment.which)
     if bundle is None:
         return None
@@ -195,7 +217,11 @@ def ride(folder: Path, setting: str, seed: int, experiment: BicycleExperiment, a
         for course, key in (("benchmark", "rides"), ("random", "random"))
         for ride in figures[key]
     ]
-    return {"rides": rows}
+    shares: list[Any] = []
+    if setting == EXPLAINED:
+        ridden = ride_course(LearnedRider(bundle), COURSE, SPEED, experiment.longest)
+        shares = impacts(setting, seed, bundle, ridden, experiment.explained, experiment.permutations)
+    return {"rides": rows, "impacts": shares}
 
 
 def _simulator() -> Simulator:
@@ -253,11 +279,14 @@ def instants(ride: Sequence[Snapshot]) -> list[Any]:
     ]
 
 
-def impacts(policy: str, bundle: Bundle, ride: Sequence[Snapshot], observations: int, permutations: int) -> list[Any]:
+def impacts(
+    name: str, seed: int, bundle: Bundle, ride: Sequence[Snapshot], observations: int, permutations: int
+) -> list[Any]:
     """Return SHAP values of an actor on the slalom of its own ride; none where it did not come there.
 
     Args:
-        policy: its name in the table.
+        name: its setting, or its own where it is a shipped one.
+        seed: of its run, or `NO_SEED`.
         bundle: the actor.
         ride: that it rode.
         observations: how many, evenly spread over the slalom; they are the background as well.
@@ -275,9 +304,9 @@ def impacts(policy: str, bundle: Bundle, ride: Sequence[Snapshot], observations:
     chosen = np.unique(np.linspace(0, len(seen) - 1, min(observations, len(seen))).round().astype(int))
     found = explain(bundle, np.array(seen)[chosen], permutations=permutations, background=len(chosen), silent=True)
     return [
-        (policy, number, name, found.features[number, place], found.values[number, place])
+        (name, seed, number, feature, found.features[number, place], found.values[number, place])
         for number in range(len(chosen))
-        for place, name in enumerate(layout.names)
+        for place, feature in enumerate(layout.names)
     ]
 
 
@@ -335,25 +364,24 @@ def add_details(data: Tables, folders: Mapping[tuple[str, int], Path], experimen
         experiment: its settings.
     """
     chosen = [(name, controller_1(data, name)) for name in CLOSELY]
-    found = {name: controller(folders[name, seed], name, experiment.which) for name, seed in chosen if seed is not None}
-    best = {name: bundle for name, bundle in found.items() if bundle is not None}
+    bundles = {
+        name: controller(folders[name, seed], name, experiment.which) for name, seed in chosen if seed is not None
+    }
+    best = {name: bundle for name, bundle in bundles.items() if bundle is not None}
     riders = [(name, LearnedRider(bundle)) for name, bundle in best.items()]
-    ride: list[Any] = []
-    shares: list[Any] = []
-    for name, bundle in {**({"prop": best["prop"]} if "prop" in best else {}), SHIPPED: load_bundle(SHIPPED)}.items():
-        ridden = ride_course(LearnedRider(bundle), COURSE, SPEED, experiment.longest)
-        if name == "prop":
-            ride = instants(ridden)
-        shares += impacts(name, bundle, ridden, experiment.explained, experiment.permutations)
+    shipped = load_bundle(SHIPPED)
+    slalom = ride_course(LearnedRider(shipped), COURSE, SPEED, experiment.longest)
+    shares = impacts(SHIPPED, NO_SEED, shipped, slalom, experiment.explained, experiment.permutations)
+    closely = ride_course(LearnedRider(best[EXPLAINED]), COURSE, SPEED, experiment.longest) if EXPLAINED in best else []
     rows = {
         "tracks": ride_junction([*riders, *((name, make_rider(name)) for name in ("stanley", "lqr"))]),
-        "ride": ride,
-        "impacts": shares,
+        "ride": instants(closely),
         "directions": front_directions(),
         "steering": steering_step(),
         "chances": [(experiment.paths, PATH_LENGTH, full_circles(experiment.paths))],
     }
-    return data | {name: table(PAPER, name, each) for name, each in rows.items()}
+    found = {name: table(PAPER, name, each) for name, each in rows.items()}
+    return data | found | {"impacts": pd.concat([data["impacts"], table(PAPER, "impacts", shares)], ignore_index=True)}
 
 
 BICYCLE: Final[Paper[BicycleExperiment]] = Paper(
@@ -363,7 +391,7 @@ BICYCLE: Final[Paper[BicycleExperiment]] = Paper(
     quick=QUICK,
     error="mean_error_m",
     unit=DISTANCE_THRESHOLD,
-    ridden=("rides",),
+    ridden=("rides", "impacts"),
     rides=lambda experiment: 2 * len(experiment.speeds),
     ride=ride,
     add_details=add_details,

@@ -247,40 +247,70 @@ def _counter_steers(data: Tables) -> Verdict:
     return text, steer < 0.0 and roll < 0.0
 
 
-def weights(impacts: pd.DataFrame, policy: str) -> pd.Series:
-    """Return the mean magnitude of the SHAP values of each feature of a policy, rad, largest first."""
-    rows = select(impacts, policy=policy)
-    means = rows["shap"].abs().groupby(rows["feature"], sort=False).mean()
-    return means.sort_values(ascending=False, kind="stable")
+NO_SEED: Final = -1
+"""In place of the seed of a run, of actors that are shipped."""
 
 
-def _shares(data: Tables) -> pd.Series:
-    """Return the share of each feature in the magnitudes of all, of controller 1 of *prop.*, largest first."""
+def weights(impacts: pd.DataFrame, setting: str) -> pd.DataFrame:
+    """Return the mean magnitude of the SHAP values of each feature (columns) of each controller (rows), rad.
+
+    The feature that is largest in the mean comes first.
+    """
+    rows = select(impacts, setting=setting)
+    means = rows.assign(shap=rows["shap"].abs()).pivot_table(index="seed", columns="feature", values="shap", sort=False)
+    return means[means.mean().sort_values(ascending=False, kind="stable").index]
+
+
+def _shares(data: Tables) -> pd.DataFrame:
+    """Return the share of each feature in the magnitudes of all, of each controller of *prop.*, largest first."""
     means = some(weights(data["impacts"], "prop"), NO_CONTROLLER)
-    return means / means.sum()
+    return means.div(means.sum(axis=1), axis=0)
+
+
+def _with_shares(shares: pd.DataFrame) -> str:
+    form = "{:.0%}" if shares.mean().max() > 0.05 else "{:.1%}"
+    return ", ".join(f"{name} {with_interval(shares[name].to_numpy(), form.format)}" for name in shares)
 
 
 def _weightiest(data: Tables, *features: str) -> Verdict:
-    """Agree where these features weigh more than all others."""
-    first = _shares(data).head(len(features))
-    return ", ".join(f"{name} {share:.0%}" for name, share in first.items()), set(first.index) == set(features)
+    """Agree where the least of these features weighs more than the largest of all others, in the mean of controllers.
+
+    A difference decides where its interval over the controllers leaves out 0.
+    """
+    shares = _shares(data)
+    least = next(name for name in reversed(shares.columns) if name in features)
+    other = next(name for name in shares if name not in features)
+    difference = (shares[least] - shares[other]).to_numpy()
+    low, high = interval(difference)
+    decided = len(difference) >= MIN_RUNS and not low <= 0.0 <= high
+    return _with_shares(shares[shares.columns[: len(features)]]), low > 0.0 if decided else None
 
 
 def _pulls_down(data: Tables, *groups: Sequence[str]) -> Verdict:
-    """Agree where the features of each group, summed, correlate negatively with their SHAP values, summed."""
+    """Agree where the features of each group, summed, correlate negatively with their SHAP values, summed.
+
+    The interval over the controllers decides.
+    """
     found = {}
     for features in groups:
-        rows = some(select(data["impacts"], policy="prop", feature=features), NO_CONTROLLER)
-        sums = rows.groupby("observation")[["value", "shap"]].sum()
-        found[" + ".join(features)] = float(np.corrcoef(sums["value"], sums["shap"])[0, 1])
-    text = "correlation " + ", ".join(f"{name} {value:+.2f}" for name, value in found.items())
-    return text, all(value < -0.5 for value in found.values())
+        rows = some(select(data["impacts"], setting="prop", feature=features), NO_CONTROLLER)
+        sums = rows.groupby(["seed", "observation"])[["value", "shap"]].sum().groupby("seed")
+        found[" + ".join(features)] = np.array([np.corrcoef(each["value"], each["shap"])[0, 1] for _, each in sums])
+    text = "correlation " + ", ".join(f"{name} {with_interval(values, '+.2f')}" for name, values in found.items())
+    if min(map(len, found.values())) < MIN_RUNS:
+        return text, None
+    ends = [interval(values) for values in found.values()]
+    return text, True if all(high < 0.0 for _, high in ends) else False if any(low > 0.0 for low, _ in ends) else None
 
 
 def _hardly_any_weight(data: Tables, *features: str) -> Verdict:
     shares = _shares(data)
-    text = ", ".join(f"{name} {shares[name]:.1%}" for name in features)
-    return text, not set(features) & set(shares.index[:5])
+    mine, least = shares[list(features)], shares[shares.columns[4]]
+    larger = [interval((shares[name] - least).to_numpy()) for name in features]
+    if len(shares) < MIN_RUNS:
+        return _with_shares(mine), None
+    low = any(low > 0.0 for low, _ in larger)
+    return _with_shares(mine), False if low else True if all(high < 0.0 for _, high in larger) else None
 
 
 def _directions(data: Tables) -> Verdict:

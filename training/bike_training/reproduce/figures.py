@@ -167,11 +167,13 @@ def _impact(data: Tables, plt: Any) -> Any:
     """Fig. 14: SHAP values of each observation, of controller 1 of prop. and of other actors."""
     import shap  # type: ignore[import-untyped]  # late: it takes seconds
 
-    policies = list(data["impacts"]["policy"].unique())
+    impacts, chosen = data["impacts"], controller_1(data, "prop")
+    shown = impacts[(impacts["setting"] != "prop") | (impacts["seed"] == chosen)]
+    policies = list(shown["setting"].unique())
     count = max(1, len(policies))
     figure, row_of_axes = plt.subplots(1, count, figsize=(6 * count, 4.5), layout="constrained", squeeze=False)
     for axes, policy in zip(row_of_axes[0], policies, strict=False):
-        rows = select(data["impacts"], policy=policy)
+        rows = select(shown, setting=policy)
         shares, values = (rows.pivot(index="observation", columns="feature", values=name) for name in ("shap", "value"))
         names = [SYMBOLS.get(name, name) for name in shares.columns]
         found = shap.Explanation(np.degrees(shares.to_numpy()), data=values.to_numpy(), feature_names=names)

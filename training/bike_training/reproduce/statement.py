@@ -44,12 +44,16 @@ class Statement:
         paper: its text.
         rule: returns the verdict of the tables; raises `NothingFound`.
         arguments: of the rule, after the tables.
+        objection: the strongest one to a verdict of this test.
+        unlike: whether the test differs from the paper's in a way that could cause a no, which then is open.
     """
 
     source: str
     paper: str
     rule: Callable[..., Verdict]
     arguments: tuple[Any, ...] = ()
+    objection: str = ""
+    unlike: bool = False
 
     def find(self, data: Any) -> Found:
         """Return what the tables say."""
@@ -57,7 +61,9 @@ class Statement:
             text, agrees = self.rule(data, *self.arguments)
         except NothingFound as missing:
             return Found(str(missing), OPEN)
-        return Found(text, OPEN if agrees is None else YES if agrees else NO)
+        if agrees is None or (self.unlike and not agrees):
+            return Found(text, OPEN)
+        return Found(text, YES if agrees else NO)
 
 
 def statements_of(paper: Mapping[str, Any], rules: Mapping[str, Any]) -> tuple[Statement, ...]:
@@ -67,8 +73,16 @@ def statements_of(paper: Mapping[str, Any], rules: Mapping[str, Any]) -> tuple[S
         paper: from `read_paper`.
         rules: functions by name, with a first underscore that statements leave out.
     """
+    objections = paper["objections"]
     return tuple(
-        Statement(row["source"], row["paper"], rules[f"_{row['rule']}"], tuple(row.get("arguments", ())))
+        Statement(
+            row["source"],
+            row["paper"],
+            rules[f"_{row['rule']}"],
+            tuple(row.get("arguments", ())),
+            objections[row["objection"]]["text"],
+            objections[row["objection"]]["unlike"],
+        )
         for row in paper["statements"]
     )
 
@@ -139,5 +153,5 @@ def with_interval(values: FloatArray, form: str | Callable[[float], str]) -> str
 
 def verdict_table(rows: Sequence[Statement], data: Any) -> str:
     """Return the table "paper says, found, agrees" as Markdown."""
-    head = ("source", "the paper says", "found here", "agrees")
-    return markdown([head, *((row.source, row.paper, *row.find(data)) for row in rows)])
+    head = ("source", "the paper says", "found here", "agrees", "strongest objection")
+    return markdown([head, *((row.source, row.paper, *row.find(data), row.objection) for row in rows)])

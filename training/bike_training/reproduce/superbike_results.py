@@ -81,20 +81,19 @@ def _endings(rows: pd.DataFrame) -> str:
 
 
 def _all_whole(data: Tables, kind: str, actor: str, circuits: Sequence[str] = CIRCUITS[:1]) -> Verdict:
-    """Agree where every ride of every run is whole; one that is not denies it."""
+    """Agree where every ride of every run is whole; one that is not denies it. Fewer than `MIN_RUNS` say neither."""
     each = {circuit: rows_of(data, setting_of(kind, circuit), actor) for circuit in circuits}
     rides = some(pd.concat(each.values()), NO_RUN)
     texts = [_endings(rows) if len(each) == 1 else f"{circuit}: {_endings(rows)}" for circuit, rows in each.items()]
-    if (rides["whole"] < rides["rides"]).any():
-        return "; ".join(texts), False
-    return "; ".join(texts), True if min(map(len, each.values())) >= MIN_RUNS else None
+    enough = min(map(len, each.values())) >= MIN_RUNS
+    return "; ".join(texts), not (rides["whole"] < rides["rides"]).any() if enough else None
 
 
 def _no_lap(data: Tables) -> Verdict:
     rows = some(rows_of(data, "sac", "early"), NO_RUN)
     laps = rows["laps"].sum()
     text = f"{laps} flying laps finished; {_endings(rows)}"
-    return text, False if laps else True if len(rows) >= MIN_RUNS else None
+    return text, not laps if len(rows) >= MIN_RUNS else None
 
 
 def _less(data: Tables, name: str, actor: str, unit: str, first: str = "spdl") -> Verdict:
@@ -139,7 +138,9 @@ def _sooner(data: Tables) -> Verdict:
 
 def _no_walls(data: Tables) -> Verdict:
     rows = some(data["laps"][data["laps"]["actor"] != "best"], NO_RUN)
-    return f"{rows['walls'].sum()} of {rows['rides'].sum()} rides ended at a wall", not rows["walls"].any()
+    text = f"{rows['walls'].sum()} of {rows['rides'].sum()} rides ended at a wall"
+    enough = rows.groupby("setting")["seed"].nunique().min() >= MIN_RUNS
+    return text, not rows["walls"].any() if enough else None
 
 
 def _sac_elsewhere(data: Tables) -> Verdict:
@@ -149,9 +150,8 @@ def _sac_elsewhere(data: Tables) -> Verdict:
         raise NothingFound("no run of both")
     laps = {circuit: rows["laps"].sum() for circuit, rows in each.items()}
     text = ", ".join(f"{circuit}: {count} flying laps of {len(each[circuit])} runs" for circuit, count in laps.items())
-    if laps[CIRCUITS[2]]:
-        return text, False
-    return text, True if laps[CIRCUITS[1]] and min(map(len, each.values())) >= MIN_RUNS else None
+    enough = min(map(len, each.values())) >= MIN_RUNS
+    return text, bool(laps[CIRCUITS[1]]) and not laps[CIRCUITS[2]] if enough else None
 
 
 def best_run(data: Tables, setting: str, actor: str = "best") -> int | None:
@@ -168,26 +168,21 @@ def transfers_of(data: Tables, circuit: str) -> pd.DataFrame:
 
 
 def _transfer(data: Tables) -> Verdict:
-    each = {circuit: transfers_of(data, circuit) for circuit in CIRCUITS}
-    missing = [circuit for circuit, rows in each.items() if rows.empty]
-    pairs = pd.concat(each.values())
-    lapped = int((pairs["whole"] > 0).sum())
-    text = f"{lapped} of {len(pairs)} lapped, {pairs['whole'].sum()} of {pairs['rides'].sum()} rides whole"
-    if missing:
-        return f"{text}; no actor that laps {' and '.join(missing)}", None
-    return text, lapped >= len(CIRCUITS) * len(MACHINES) - 1
+    """Agree where the SPDL actors of a seed, one for each circuit, lap as many pairs as in the paper in the mean."""
+    rows = select(data["transfers"], setting=[setting_of("spdl", circuit) for circuit in CIRCUITS])
+    each = some(rows, "no actor").groupby("seed")
+    lapped = each["whole"].agg(lambda whole: int((whole > 0).sum()))[each["circuit"].nunique() == len(CIRCUITS)]
+    pairs = len(CIRCUITS) * len(MACHINES)
+    text = f"{with_interval(lapped.to_numpy(float), '.1f')} of {pairs} lapped ({len(lapped)} actors of each circuit)"
+    if len(lapped) < MIN_RUNS:
+        return text, None
+    low, high = interval(lapped.to_numpy(float))
+    return text, True if low >= pairs - 1 else False if high < pairs - 1 else None
 
 
 def _quickest_trained(data: Tables) -> Verdict:
-    rows = transfers_of(data, CIRCUITS[0])
-    best = rows[rows["whole"] > 0]["best"]
-    if MACHINE not in best:
-        raise NothingFound("no actor that laps")
-    others = best.drop(MACHINE) - best[MACHINE]
-    text = ", ".join(f"{name} {more:+.2f} s" for name, more in others.items()) or "no other machine laps"
-    if (others < 0.0).any():
-        return text, False
-    return text, None if len(others) < len(MACHINES) - 1 else others.min() > 0.0
+    found = gains(data, CIRCUITS[0])
+    return _all_above(found, [(np.zeros(len(values)), values) for values in found.values()])
 
 
 def gains(data: Tables, circuit: str) -> dict[str, FloatArray]:
@@ -243,7 +238,31 @@ def _runs_wide(data: Tables) -> Verdict:
     wide = {name: more for name, more in found.items() if more > OVERSHOOT}
     widest = max(found, key=lambda name: found[name])
     text = f"{len(wide)} of {len(found)} corners by more than {OVERSHOOT:g} m, most in corner {widest}: "
-    return f"{text}{found[widest]:.2f} m", bool(wide)
+    text += f"{found[widest]:.2f} m"
+    laps = select(data["moments"], setting="spdl")["seed"].nunique()
+    return text, bool(wide) if laps >= MIN_RUNS else None
+
+
+def _gains_early(data: Tables) -> Verdict:
+    """Agree where laps of SPDL gain more on those of SAC in the first third of the circuit than in the rest."""
+    length = load_track(CIRCUITS[0]).length
+    times: dict[str, FloatArray] = {}
+    for kind in KINDS:
+        laps = [lap for _, lap in select(data["moments"], setting=kind).groupby("seed") if len(lap) > 1]
+        place = [np.unwrap(lap["progress"].to_numpy(), period=length) for lap in laps]
+        parts = [
+            np.interp(way[0] + np.array([length / 3.0, length]), way, lap["time"])
+            for lap, way in zip(laps, place, strict=True)
+            if way[-1] - way[0] > 0.95 * length
+        ]
+        times[kind] = np.array(parts).reshape(-1, 2)
+        some(times[kind], f"no lap of {kind}")
+    spdl, sac = (times[kind].mean(axis=0) for kind in KINDS)
+    early, whole = sac - spdl
+    counts = " and ".join(str(len(times[kind])) for kind in KINDS)
+    text = f"{early:+.2f} s in the first third, {whole - early:+.2f} s in the rest ({counts} laps)"
+    early_less_rest = [2.0 * each[:, 0] - each[:, 1] for each in times.values()]
+    return text, compare(early_less_rest)[2]
 
 
 def _moves(data: Tables) -> Verdict:
