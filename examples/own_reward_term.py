@@ -12,15 +12,16 @@ from pathlib import Path
 
 import numpy as np
 
+from bike_sim.physics.state import ROLL
 from bike_training.learning.presets import load_preset
 from bike_training.learning.process import run
 from bike_training.learning.run_settings import RunSettings
 from bike_training.tasks.path import REWARD_TERMS
 
 
-def calm(task, distance, roll):
+def calm(task, distance, state):
     """Return 1 upright and 0 at 45 degrees of lean: rides that lean less are worth more."""
-    return 1.0 - np.clip(np.abs(roll) / np.radians(45.0), 0.0, 1.0)
+    return 1.0 - np.clip(np.abs(state[:, ROLL]) / np.radians(45.0), 0.0, 1.0)
 
 
 def main() -> None:

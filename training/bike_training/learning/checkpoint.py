@@ -20,7 +20,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from safetensors.numpy import load_file, save_file
-from stable_baselines3 import SAC
+from stable_baselines3 import A2C, PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
 
@@ -63,6 +63,8 @@ _COUNTERS: Final = (
 )
 """Counters of Stable-Baselines3."""
 
+_TORCH: Final = (SAC, PPO, A2C)
+"""Learners of Stable-Baselines3; the policy of sbx is a module of torch as well, without tensors."""
 _TRAIN_STATES: Final = ("policy.actor_state", "policy.qf_state", "ent_coef_state")
 _KEYS: Final = ("key", "policy.key", "policy.noise_key")
 """Attributes in which sbx keeps networks with their optimisers, and its random keys."""
@@ -95,7 +97,7 @@ def _restore_learner(model: BaseAlgorithm, stored: dict[str, Any]) -> None:
     model.ep_success_buffer = deque(maxlen=model._stats_window_size)  # no task here tells of success
     model._last_obs = stored["last_observations"]
     model._last_episode_starts = stored["last_episode_starts"]
-    restore = _restore_torch if isinstance(model.policy, torch.nn.Module) else _restore_jax
+    restore = _restore_torch if isinstance(model, _TORCH) else _restore_jax
     restore(model, stored["networks"])
     generators = stored["generators"]  # last: making a learner draws
     python = generators["python"]
@@ -107,7 +109,7 @@ def _restore_learner(model: BaseAlgorithm, stored: dict[str, Any]) -> None:
 
 def _networks(model: Any) -> dict[str, Any]:
     """Return networks, optimisers and random keys by name, as tables of arrays."""
-    if isinstance(model.policy, torch.nn.Module):
+    if isinstance(model, _TORCH):
         found = {name: part.state_dict() for name, part in _torch_parts(model).items()}
         entropy = getattr(model, "log_ent_coef", None)
         return found if entropy is None else {**found, "log_ent_coef": entropy.detach()}

@@ -76,6 +76,8 @@ def of_whole(rows: pd.DataFrame, name: str) -> FloatArray:
 def _endings(rows: pd.DataFrame) -> str:
     """Return the endings of the rides of some actors as text."""
     ends = rows[["rides", "whole", "falls", "walls"]].sum()
+    if rows.empty:
+        return NO_RUN
     text = f"{ends['whole']} of {ends['rides']} rides whole, {ends['falls']} falls, {ends['walls']} walls"
     return f"{text} ({len(rows)} run{'s' if len(rows) != 1 else ''})"
 
@@ -113,10 +115,11 @@ def _less(data: Tables, name: str, actor: str, unit: str, first: str = "spdl") -
         raise NothingFound(f"no run of {' and '.join(missing)} to compare")
     form = lap_text if name == "mean" else lambda value: f"{value:.2f}"
     text = ", ".join(f"{kind} {form(float(values.mean()))}" for kind, values in found.items())
+    text = f"{text} {unit} ({' and '.join(str(len(values)) for values in found.values())} runs)"
     if min(map(len, found.values())) < MIN_RUNS:
-        return f"{text} {unit} ({', '.join(str(len(v)) for v in found.values())} runs)", None
+        return text, None
     low, high, less = compare(found.values())
-    return f"{text} {unit}; difference {low:+.2f} to {high:+.2f}", less
+    return f"{text}; difference {low:+.2f} to {high:+.2f}", less
 
 
 def _sooner(data: Tables) -> Verdict:
@@ -138,7 +141,8 @@ def _sooner(data: Tables) -> Verdict:
 
 def _no_walls(data: Tables) -> Verdict:
     rows = some(data["laps"][data["laps"]["actor"] != "best"], NO_RUN)
-    text = f"{rows['walls'].sum()} of {rows['rides'].sum()} rides ended at a wall"
+    runs = len(rows[["setting", "seed"]].drop_duplicates())
+    text = f"{rows['walls'].sum()} of {rows['rides'].sum()} rides ended at a wall ({runs} runs)"
     enough = rows.groupby("setting")["seed"].nunique().min() >= MIN_RUNS
     return text, not rows["walls"].any() if enough else None
 
@@ -172,6 +176,7 @@ def _transfer(data: Tables) -> Verdict:
     rows = select(data["transfers"], setting=[setting_of("spdl", circuit) for circuit in CIRCUITS])
     each = some(rows, "no actor").groupby("seed")
     lapped = each["whole"].agg(lambda whole: int((whole > 0).sum()))[each["circuit"].nunique() == len(CIRCUITS)]
+    some(lapped, "no actor of each circuit")
     pairs = len(CIRCUITS) * len(MACHINES)
     text = f"{with_interval(lapped.to_numpy(float), '.1f')} of {pairs} lapped ({len(lapped)} actors of each circuit)"
     if len(lapped) < MIN_RUNS:
@@ -218,6 +223,8 @@ def _all_above(found: Mapping[str, FloatArray], pairs: Iterable[tuple[FloatArray
     lapped = {name: values for name, values in found.items() if len(values)}
     some(lapped, "no actor that laps on two machines")
     text = ", ".join(f"{name} {with_interval(values, '+.2f')} s" for name, values in lapped.items())
+    counts = sorted({*map(len, lapped.values())})
+    text += f" ({' to '.join(map(str, dict.fromkeys((counts[0], counts[-1]))))} runs)"
     less = [compare(pair)[2] for pair in pairs]
     return text, False if any(less) else True if all(each is False for each in less) else None
 
