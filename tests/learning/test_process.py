@@ -5,6 +5,7 @@ import math
 import os
 import shutil
 import signal
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -81,6 +82,17 @@ def test_learning_learns(tmp_path):
     process.run(note)
     early, late = np.mean(lengths[30:90]), np.mean(lengths[-60:])
     assert late > 2.0 * early
+
+
+def test_without_ros_rides_are_not_recorded_and_learning_goes_on(tmp_path, monkeypatch):
+    monkeypatch.delitem(sys.modules, "bike_training.learning.episode_recording", raising=False)
+    monkeypatch.setitem(sys.modules, "bike_msgs.msg", None)
+    process = LearningProcess(replace(learner_settings(), record_every=1), tmp_path, 160)
+    with pytest.warns(UserWarning, match="learning goes on: bike_msgs of ROS 2 is missing"):
+        process.validate()
+    process.run()
+    assert not (tmp_path / "episodes").exists()
+    assert process.model.num_timesteps == 160
 
 
 def test_a_folder_with_a_run_is_not_overwritten_and_an_empty_one_not_resumed(tmp_path):

@@ -9,6 +9,7 @@ import contextlib
 import json
 import math
 import time
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
@@ -46,6 +47,7 @@ from bike_training.learning.run_settings import (
     source_commit,
 )
 from bike_training.learning.validation import SideBySide, keep, ride_side_by_side
+from bike_training.learning_packages import missing_package
 from bike_training.rollout.stability import is_stable
 from bike_training.settings import to_plain
 from bike_training.tasks.base import Task
@@ -413,13 +415,22 @@ class LearningProcess(BaseCallback):
     def _record(self, actor: Actor, request: ResetRequest, step: int, part: int) -> None:
         """Record a validation ride into ``episodes/``, and the next ride that the learner begins.
 
+        Without ROS 2, whose messages recordings hold, a warning says once that none is made.
+
         Args:
             actor: the rider.
             request: of the ride.
             step: learning step of the validation.
             part: part of the curriculum that it was ridden in.
         """
-        from bike_training.learning.episode_recording import Standing, TrainingRecorder, record_ride
+        try:
+            from bike_training.learning.episode_recording import Standing, TrainingRecorder, record_ride
+        except ModuleNotFoundError as error:
+            package = missing_package(error)
+            if package is None:
+                raise
+            warnings.warn(f"rides are not recorded, learning goes on: {package} of ROS 2 is missing", stacklevel=2)
+            return
 
         path, config = self.out / "episodes" / f"step_{step:09d}.mcap", self.settings.simulator()
         standing = Standing(step, part, RideRanges(request.speed_range, request.path_ranges))
