@@ -248,6 +248,12 @@ def test_a_fixed_schedule_ends_at_the_target_whatever_the_returns(circuits: Circ
     assert apart == sorted(apart, reverse=True)
     assert apart[-1] == pytest.approx(0.0, abs=1e-9)
     assert curriculum.steps[4][3] == pytest.approx((0.5 * np.add(FIRST_MEAN, TARGET_MEAN)).tolist())
+    jumping = SpdlCurriculum(circuits, ScheduleSettings(iteration=10, schedule=100, stages=2))
+    for step in range(10, 130, 10):
+        jumping.episodes(step)
+    jumps = [entry[-2] for entry in jumping.steps]
+    assert jumps == pytest.approx([jumps[0]] * 4 + [apart[4]] * 5 + [0.0] * 3, abs=1e-9)
+    assert jumps[0] > apart[0]
 
 
 def test_an_update_looks_at_the_episodes_since_the_one_before(circuits: Circuits) -> None:

@@ -206,6 +206,30 @@ def test_both_settings_differ_in_their_curriculum_alone() -> None:
     assert [run.seed for run in runs] == [0] * 6 + [1] * 6
 
 
+def test_ablations_are_sac_with_one_thing_changed() -> None:
+    experiment = SuperbikeExperiment(seeds=(0,))
+    runs = [run.job().settings.preset for run in experiment.sweep().runs]  # type: ignore[attr-defined]
+    presets = dict(zip(experiment.settings, runs, strict=True))
+    sac = presets["sac"].to_plain()
+    changed = {
+        name: {
+            f"{place}.{key}"
+            for place in ("task", "curriculum", "learner")
+            for key, value in presets[name].to_plain()[place].items()
+            if sac[place].get(key) != value
+        }
+        for name in ("swings", "unplanned-reward", "unplanned-observation", "no-failures", "no-mirror")
+    }
+    assert list(changed.values()) == [
+        {"task.weights"},
+        {"task.weights"},
+        {"task.observation"},
+        {"curriculum.failure_share"},
+        {"learner.mirror"},
+    ]
+    assert presets["stages"].curriculum == replace(presets["schedule"].curriculum, stages=4)
+
+
 def test_tables_come_back_and_are_drawn_without_learning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data, folder = paper_like(), tmp_path / "data"
     folder.mkdir()

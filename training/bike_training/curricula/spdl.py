@@ -26,7 +26,7 @@ from scipy.optimize import minimize
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_training.curricula.base import EndedEpisode
 from bike_training.curricula.race import LINE_STEPS, CircuitSet, RaceCurriculum, RaceCurriculumSettings
-from bike_training.settings import AT_LEAST_1, POSITIVE
+from bike_training.settings import AT_LEAST_0, AT_LEAST_1, POSITIVE
 from bike_training.tasks.race import RaceContext
 
 FloatArray = NDArray[np.float64]
@@ -272,12 +272,14 @@ class ScheduleSettings(TargetSettings):
     Attributes:
         curriculum: ``schedule``.
         schedule: learning steps after which it is at the target.
+        stages: jumps in which it goes there, as a curriculum made by hand; 0 for an even move.
     """
 
-    limits: ClassVar = {**TargetSettings.limits, "schedule": AT_LEAST_1}
+    limits: ClassVar = {**TargetSettings.limits, "schedule": AT_LEAST_1, "stages": AT_LEAST_0}
 
     curriculum: str = "schedule"
     schedule: int = 150_000
+    stages: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -349,7 +351,9 @@ class SpdlCurriculum(RaceCurriculum):
         value = float(np.mean([seen[2] for seen in self._seen])) if self._seen else float("nan")
         found: Gaussian | None = None
         if isinstance(settings, ScheduleSettings):
-            found, stage = scheduled(self.target, step / settings.schedule), HARDER
+            part = step / settings.schedule
+            part = math.floor(part * settings.stages) / settings.stages if settings.stages else part
+            found, stage = scheduled(self.target, part), HARDER
         elif isinstance(settings, SpdlSettings) and len(self._seen) >= LEAST_EPISODES:
             contexts, sampled, values = (np.array(part) for part in zip(*self._seen, strict=True))
             limits = settings.threshold, self._reached, settings.kl, np.array(LEAST_STD)

@@ -59,14 +59,27 @@ CURRICULA: Final[Mapping[str, Mapping[str, Any]]] = {
     "spdl": {"curriculum": "spdl", "curriculum.threshold": SPDL_THRESHOLD},
     "sac": {"curriculum": "target"},
     "schedule": {"curriculum": "schedule"},
+    "stages": {"curriculum": "schedule", "curriculum.stages": 4},
     "spdl450": {"curriculum": "spdl", "curriculum.threshold": 450.0},
     "spdl600": {"curriculum": "spdl", "curriculum.threshold": 600.0},
     "plain-spdl": {"curriculum": "spdl", "curriculum.threshold": SPDL_THRESHOLD} | NO_PLAN,
     "plain-sac": {"curriculum": "target"} | NO_PLAN,
+    "swings": {
+        "curriculum": "target",
+        "task.weights": {**RACE_WEIGHTS, "steer_history": 0.5, "lean_history": 0.5},
+    },
+    "unplanned-reward": {
+        "curriculum": "target",
+        "task.weights": {name: RACE_WEIGHTS[name] for name in RACE_WEIGHTS if name not in ("line", "overspeed")},
+    },
+    "unplanned-observation": {"curriculum": "target", "task.observation": "paper_race"},
+    "no-failures": {"curriculum": "target", "curriculum.failure_share": 0.0},
+    "no-mirror": {"curriculum": "target", "learner.mirror": False},
 }
 """Settings by the first part of a setting's name: all arms draw from SPDL's target in the end. The first two are the
-paper's. ``schedule`` moves to the target whatever the returns are: what self-pacing adds is the difference from it. The
-last two have the paper's observation, and its speed limit in place of a planned speed."""
+paper's. ``schedule`` moves to the target whatever the returns are: what self-pacing adds is the difference from it;
+``stages`` jumps there in four. Those called plain have the paper's observation, and its speed limit in place of a
+planned speed. The others are ``sac`` with one thing changed."""
 EARLY: Final = 1150 / 1900
 """The paper's early snapshot as a part of its run (Table I)."""
 PRESET: Final = "race_direct"
