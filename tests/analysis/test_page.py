@@ -27,6 +27,7 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from bike_analysis import compare, open_ride
 from bike_analysis.page.document import MISSING, SHORT, embed, page_shell, program_version
+from bike_analysis.page.race_page import RaceFigures, Racer, write_race_page
 from bike_analysis.page.ride_page import write_page
 from bike_analysis.page.ride_view import panels_for, ride_view
 from bike_analysis.page.view import (
@@ -40,6 +41,7 @@ from bike_analysis.page.view import (
 )
 from bike_analysis.read.container import shown
 from bike_analysis.report import analyze
+from bike_sim.course.files import load_course
 
 FLAGS = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--hide-scrollbars"),
@@ -860,3 +862,39 @@ def test_an_hour_at_100_hz_loads_and_zooms(opened: Opener, tmp_path: Path) -> No
         browser.execute_script("""const view = document.querySelector(".view").view;
           for (let step = 0; step < 40; step++) { view.zoom(step < 20 ? 0.7 : 1 / 0.7, 70000); view.frame(); }""")
         settled(browser)
+
+
+def test_race_is_seen_from_behind_any_machine(opened: Opener, tmp_path: Path) -> None:
+    """The cursor goes to the chosen machine at the same time; who is out ends with a cross and leaves the map."""
+    circuit = replace(load_course("circle"), width_left=None, width_right=None)
+    racers = []
+    for place, (name, speed, rows) in enumerate((("first", 5.0, 400), ("second", 4.0, 200)), start=1):
+        time = 0.05 * np.arange(rows)
+        there = np.interp(speed * time, circuit.s, np.arange(len(circuit.s))).astype(int)
+        zeros = np.zeros(rows)
+        columns = {"time": time, "distance": speed * time, "x": circuit.x[there], "y": circuit.y[there],
+                   "yaw": circuit.heading[there], "roll": zeros, "steer": zeros, "speed": zeros + speed}  # fmt: skip
+        racers.append(Racer(name, place, columns, "" if place == 1 else "fell"))
+    line = {"vehicle": "v", "rider": "r", "laps": 1, "penalty_s": 0.0, "best_lap_s": None, "passes": 0, "contacts": 0}
+    result = [
+        line | {"position": k, "name": racer.name, "grid": k, "time_s": 20.0, "end": racer.end or "finished"}
+        for k, racer in enumerate(racers, start=1)
+    ]
+    gaps = [(1, 1, "first", 0.0), (1, 1, "second", 1.0), (1, 2, "first", 0.0)]
+    figures = RaceFigures("race", result, gaps, [(1.0, "something")], racers, circuit, False)
+    browser = opened(write_race_page(figures, tmp_path / "race.html"))
+    assert all(pixels > 300 for _, pixels in inked_pixels(browser))
+    assert len(browser.find_elements(By.CSS_SELECTOR, 'svg[aria-label="Positions"] path')) == 1
+    state = (
+        "const { view } = document.querySelector('.view'); return [view.main.name, view.main.columns.time[view.row]]"
+    )
+    browser.execute_script("document.querySelector('.view').view.setPlace(100)")
+    assert browser.execute_script(state) == ["first", pytest.approx(5.0)]
+    browser.find_element(By.CSS_SELECTOR, "select.leader option:nth-child(2)").click()
+    settled(browser)
+    assert browser.execute_script(state) == ["second", pytest.approx(5.0)]
+    browser.find_element(By.CSS_SELECTOR, "select.leader option:nth-child(1)").click()
+    browser.execute_script("document.querySelector('.view').view.setPlace(399)")
+    settled(browser)
+    row = "const { view } = document.querySelector('.view'); return view.rowIn(view.series[1], 'time')"
+    assert browser.execute_script(row) == -1

@@ -383,7 +383,7 @@ class MapPart extends PlotPart {
     super(view, figure);
     this.late = true;  // drawn after the panels
     this.marks = view.series.filter(series => series.columns.x).map(series => ({ series, dot: element("div", {
-      className: series === view.main ? "here" : "ghost", style: `--own: var(--${view.several ? series.colour : "ink"})` }) }));
+      style: `--own: var(--${view.several ? series.colour : "ink"})` }) }));
     this.area.append(...this.marks.map(mark => mark.dot).reverse());
     this.scale = figure.querySelector(".scale");
     const choice = figure.querySelector("select");
@@ -472,6 +472,7 @@ class MapPart extends PlotPart {
     if (!this.shows) return;
     for (const { series, dot } of this.marks) {
       const row = series.hidden ? -1 : this.view.rowIn(series, "time"), { x, y, yaw } = series.columns;
+      dot.className = series === this.view.main ? "here" : "ghost";
       this.mark(dot, x[row], y[row], yaw ? ` rotate(${-(yaw[row] || 0)}rad)` : "");
     }
   }

@@ -83,6 +83,17 @@ class View {
     buildBar(this);
   }
 
+  // Hands the cursor and the view from behind to another series, at the same time.
+  lead(series) {
+    const at = this.main.columns.time[this.row];
+    Object.assign(series, { hidden: false });
+    this.main = series;
+    this.place = nearestRow(series.columns.time, at);
+    this.moved = true;
+    buildSeries(this);
+    this.redraw();
+  }
+
   shown() { return this.series.filter(series => !series.hidden); }
 
   // Differences of time and speed to a reference at the same distance. Each is a column of its own that is replaced, so that
@@ -192,16 +203,22 @@ function buildBar(view) {
   on("out", () => view.zoom(ZOOM));
   on("whole", () => view.setRange(...view.whole()));
   on("play", () => play(view));
-  const list = view.root.querySelector(".series"), reference = view.root.querySelector("select.reference");
-  if (list && view.several) list.replaceChildren(...view.series.map(series => seriesButton(view, series)));
+  buildSeries(view);
+  const reference = view.root.querySelector("select.reference"), leader = view.root.querySelector("select.leader");
+  if (leader) leader.onchange = () => view.lead(view.series[leader.value]);
   if (reference) reference.onchange = () => { view.compareWith(view.series[reference.value]); view.moved = true; view.redraw(); };
   for (const part of view.parts) if (part.plot) makeSlider(view, part);
+}
+
+function buildSeries(view) {
+  const list = view.root.querySelector(".series");
+  if (list && view.several) list.replaceChildren(...view.series.map(series => seriesButton(view, series)));
 }
 
 function seriesButton(view, series) {
   const button = element("button", { type: "button" }, swatch({ series, colour: series.colour }), series.name,
     ...(series.kind ? [element("small", {}, series.kind)] : []));
-  button.setAttribute("aria-pressed", "true");
+  button.setAttribute("aria-pressed", String(!series.hidden));
   button.disabled = series === view.main;
   button.onclick = () => {
     series.hidden = !series.hidden;

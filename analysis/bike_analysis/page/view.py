@@ -139,6 +139,7 @@ class View:
         moments: What happened at a ``row`` of a ``series``, as a fall, marked in the traces with its ``label``.
         reference: Index of the series that the page computes ``delta`` and ``speed_delta`` against until the reader
             chooses another; None where the columns are given, or there is nothing to compare.
+        leads: Whether the reader may choose which series carries the cursor and is seen from behind.
     """
 
     key: str
@@ -158,6 +159,7 @@ class View:
     histograms: tuple[Drawn, ...] = ()
     moments: tuple[Drawn, ...] = ()
     reference: int | None = None
+    leads: bool = False
 
     def channel(self, name: str) -> Channel:
         """The quantity of a column."""
@@ -307,7 +309,10 @@ def _tools_html(view: View) -> str:
         for key, text, name in buttons
     )
     series = '<div class="series" role="group" aria-label="Shown"></div>' if len(view.series) > 1 else ""
-    series += _reference_html(view)
+    if view.leads:
+        series += _series_choice(view, 0, "from behind ", "leader", "Who carries the cursor and is seen from behind")
+    if view.reference is not None:
+        series += _series_choice(view, view.reference, "differences to ", "reference", "Reference of the differences")
     return (
         f'<div class="tools"><div class="transport"><div class="buttons">{shown}'
         f'<select class="rate" aria-label="Pace of playing">{rates}</select></div>'
@@ -316,14 +321,10 @@ def _tools_html(view: View) -> str:
     )
 
 
-def _reference_html(view: View) -> str:
-    if view.reference is None:
-        return ""
+def _series_choice(view: View, chosen: int, words: str, kind: str, label: str) -> str:
+    """A choice among the series."""
     options = "".join(
-        f'<option value="{k}"{" selected" if k == view.reference else ""}>{html_text(series.name)}</option>'
+        f'<option value="{k}"{" selected" if k == chosen else ""}>{html_text(series.name)}</option>'
         for k, series in enumerate(view.series)
     )
-    return (
-        '<label class="choice">differences to '
-        f'<select class="reference" aria-label="Reference of the differences">{options}</select></label>'
-    )
+    return f'<label class="choice">{words}<select class="{kind}" aria-label="{label}">{options}</select></label>'

@@ -5,35 +5,39 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bike_analysis.figures.cells import table_text
-from bike_analysis.page.race_page import PAGE_NAME, RaceFigures, write_race_page
+from bike_analysis.page.race_page import PAGE_NAME, RaceFigures, Racer, write_race_page
 from bike_policy.riders.wheel_to_wheel import CLASSICAL, RaceField
-from bike_sim.sim.race import Entry, Race, RaceSettings
+from bike_sim.course.course import Course
+from bike_sim.course.projection import project
+from bike_sim.physics import state as st
+from bike_sim.sim.race import CLEARED, Race, RaceSettings, check_names, entries_of
+from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_whole, recording_folder
-from bike_training.progress import progress_bar
+from bike_training.progress import progress_bar, told_parts
+
+if TYPE_CHECKING:
+    from bike_training.nodes.race_recording import RecordedRace
+
+FloatArray = NDArray[np.float64]
 
 SCHEMA: Final = "bike.race/1"
 MACHINES: Final = ("panigale_v4r", "r1", "m1000rr", "zx10rr")
+PAGE_PERIOD: Final = 0.04
+"""Time between the states of a page, s."""
+REACH: Final = 8.0
+"""Distance along the circuit within which a machine is looked for from one state to the next, m."""
 RESULT: Final = {
     "machine": "{name}", "vehicle": "{vehicle}", "rider": "{rider}", "end": "{end}", "pos": "{position}",
     "grid": "{grid}", "laps": "{laps}", "time": "{time_s!l}", "penalty": "{penalty_s:.1f}",
     "best lap": "{best_lap_s!l}", "passes": "{passes:+d}", "contacts": "{contacts}", "avoidable": "{avoidable}",
 }  # fmt: skip
 """Columns of the classification."""
-
-
-def entries_of(machines: list[str]) -> tuple[Entry, ...]:
-    """Return machines given as ``[NAME=]VEHICLE[:RIDER]``; those without a name are numbered."""
-    entries = []
-    for number, text in enumerate(machines, start=1):
-        name, _, rest = text.rpartition("=")
-        vehicle, _, rider = rest.partition(":")
-        entries.append(Entry(name or f"bike_{number}", vehicle, rider or CLASSICAL))
-    return tuple(entries)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -44,17 +48,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         FileNotFoundError: an unknown vehicle, rider or circuit.
     """
     check_whole("--laps", args.laps, 1)
-    settings = RaceSettings(args.course, args.laps, entries_of(args.machines or list(MACHINES)), args.line)
-    from bike_training.nodes.race_recording import RaceRecorder, check_names  # a refusal needs no ROS
-
+    settings = RaceSettings(args.course, args.laps, entries_of(args.machines or MACHINES, CLASSICAL), args.line)
     check_names([entry.name for entry in settings.entries])
+    from bike_training.nodes.race_recording import RaceRecorder  # a refusal needs no ROS
+
     began = time.monotonic()
     with recording_folder(args.out, "race", args.overwrite) as out:
-        recording, race = out / "race.mcap", Race(settings)
+        report = told_parts("bike race", args.json)
+        recording, race = out / "race.mcap", Race(settings, report)
         try:
             riders = [entry.rider for entry in settings.entries]
             field = RaceField(riders, race.batch.vehicles, race.batch.config.control_period)
-            for row in range(race.count):
+            for row, entry in enumerate(settings.entries):
+                report(f"plan of {entry.name}")
                 field.begin(row, race.batch, race.batch.course(row))
             total = round(race.theory * (settings.laps + 0.1))
             with (
@@ -88,22 +94,52 @@ def page_of(recording: Path, race: Race, path: Path) -> Path:
     """Write the page of a recorded race; the limits are those of its circuit."""
     from bike_training.nodes.race_recording import RecordedRace
 
-    recorded, track = RecordedRace.read(recording), race.track
-    heading = track.centre.heading[::20]
-    sides = ((track.width_left[::20], 1.0), (track.width_right[::20], -1.0))
-    limits = [
-        np.stack([
-            track.centre.x[::20] - sign * width * np.sin(heading), track.centre.y[::20] + sign * width * np.cos(heading)
-        ])
-        for width, sign in sides
-    ]  # fmt: skip
-    gaps = [(int(lap), int(sector), str(name), float(gap)) for lap, sector, name, gap in recorded.result["gaps"]]
+    recorded, centre = RecordedRace.read(recording), race.track.centre
+    lines = {line["name"]: line for line in recorded.result["classification"]}
+    cleared = {event.names[0]: event.time for event in recorded.events if event.kind == CLEARED}
+    powered = isinstance(race.batch.vehicles[0], Superbike)
+    racers = []
+    for row, entry in enumerate(recorded.settings.entries):
+        line = lines[entry.name]
+        columns = racer_columns(recorded, row, centre, race.batch.config.control_period, powered)
+        until = int(np.searchsorted(columns["time"], cleared.get(entry.name, np.inf), "right"))
+        end = line["end"].replace("_", " ") if line["end"] not in ("finished", "running") else ""
+        racers.append(Racer(entry.name, line["grid"], {name: c[:until] for name, c in columns.items()}, end))
     figures = RaceFigures(
-        f"{recorded.settings.laps} laps of {recorded.settings.course}", recorded.result["classification"], gaps,
-        [(event.time, event.text) for event in recorded.events], [entry.name for entry in recorded.settings.entries],
-        recorded.states[:, :, 0], recorded.states[:, :, 1], race.time, np.array(limits),
+        f"{recorded.settings.laps} laps of {recorded.settings.course}", recorded.result["classification"],
+        [(int(lap), int(sector), str(name), float(gap)) for lap, sector, name, gap in recorded.result["gaps"]],
+        [(event.time, event.text) for event in recorded.events], racers, centre, powered,
     )  # fmt: skip
     return write_race_page(figures, path)
+
+
+def racer_columns(
+    recorded: RecordedRace, row: int, centre: Course, period: float, powered: bool
+) -> dict[str, FloatArray]:
+    """Return what the page shows of a machine, by column; distances are those of the centre line from the start line.
+
+    Args:
+        recorded: the race.
+        row: of the machine.
+        centre: line of the circuit.
+        period: control period, s.
+        powered: whether it has an engine.
+    """
+    states, steps = recorded.states[:, row], np.arange(len(recorded.states))
+    x, y, near, distance = states[:, st.X], states[:, st.Y], 0.0, np.zeros(len(states))
+    near = float(centre.s[np.argmin(np.hypot(centre.x - x[0], centre.y - y[0]))]) - centre.length
+    for step in steps:
+        near, _, _ = project(centre.samples, x[step], y[step], near, REACH, REACH)
+        distance[step] = near
+    throttle = np.append(recorded.commands[:, row, 1], recorded.commands[-1:, row, 1])
+    every = steps[:: max(1, round(PAGE_PERIOD / period))]
+    columns = {
+        "time": steps * period, "distance": distance, "x": x, "y": y, "yaw": states[:, st.YAW],
+        "roll": np.degrees(states[:, st.ROLL]), "steer": np.degrees(states[:, st.STEER]),
+        "speed": (3.6 if powered else 1.0) * recorded.speeds[:, row], "throttle": 100.0 * np.maximum(throttle, 0.0),
+        "brake": 100.0 * np.maximum(-throttle, 0.0),
+    }  # fmt: skip
+    return {name: column[every] for name, column in columns.items()}
 
 
 def run_replay(args: argparse.Namespace) -> dict[str, Any]:

@@ -7,7 +7,6 @@ the notes, so that it can be raced again from the recorded commands (`RecordedRa
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
@@ -27,7 +26,7 @@ from bike_sim.recording.definitions import message_type
 from bike_sim.recording.metadata import LATCHED, Qos
 from bike_sim.recording.recorder import RideRecorder
 from bike_sim.ros import messages, node_tools
-from bike_sim.sim.race import Race, RaceEvent, RaceSettings
+from bike_sim.sim.race import Race, RaceEvent, RaceSettings, check_names
 from bike_sim.sim.simulator import RowSnapshots
 from bike_sim.vehicles.superbike import Superbike
 
@@ -47,18 +46,6 @@ RACE_RESULT: Final = "/race/result"
 """Classification and gaps at the end, as JSON in ``std_msgs/String``."""
 NOTE: Final = "race"
 COMMANDS: Final = ("steering_command", "throttle_command")
-_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
-
-
-def check_names(names: Sequence[str]) -> None:
-    """Refuse names that are no namespaces.
-
-    Raises:
-        ValueError: naming the first of them.
-    """
-    for name in names:
-        if not _NAME.fullmatch(name):
-            raise ValueError(f"machine {name!r} needs a name of letters, digits and underscores, to be a namespace")
 
 
 class RaceRecorder(AbstractContextManager["RaceRecorder"]):
@@ -156,6 +143,7 @@ class RecordedRace:
     Attributes:
         settings: of the race.
         states: minimal states of each machine, shape (steps + 1, n, 10).
+        speeds: of each machine, m/s, shape (steps + 1, n).
         commands: of each step, shape (steps, n, 2).
         events: what happened, in order.
         result: classification and gaps; empty where the recording ends before the race.
@@ -163,6 +151,7 @@ class RecordedRace:
 
     settings: RaceSettings
     states: FloatArray
+    speeds: FloatArray
     commands: FloatArray
     events: tuple[RaceEvent, ...]
     result: dict[str, Any]
@@ -183,8 +172,9 @@ class RecordedRace:
         columns, events, result = _read(path, [entry.name for entry in settings.entries])
         steps = min(len(table[0]) for table in columns)
         states = np.stack([np.stack(table[:10], axis=1)[:steps] for table in columns], axis=1)
-        commands = np.stack([np.stack(table[10:], axis=1)[1:steps] for table in columns], axis=1)
-        return cls(settings, states, commands, tuple(events), result)
+        speeds = np.stack([table[10][:steps] for table in columns], axis=1)
+        commands = np.stack([np.stack(table[11:], axis=1)[1:steps] for table in columns], axis=1)
+        return cls(settings, states, speeds, commands, tuple(events), result)
 
     def replay(self) -> tuple[int, str]:
         """Race again with the recorded commands; return compared steps, and where a machine first differed or nothing.
@@ -220,8 +210,8 @@ def _namespaces(path: Path) -> list[str]:
 
 
 def _read(path: Path, names: Sequence[str]) -> tuple[list[list[FloatArray]], list[RaceEvent], dict[str, Any]]:
-    """Return states and commands of each machine, field by field, what happened, and the result."""
-    fields = (*st.FIELDS, *COMMANDS)
+    """Return states, speed and commands of each machine, field by field, what happened, and the result."""
+    fields = (*st.FIELDS, "speed", *COMMANDS)
     readers: dict[str, ColumnReader] = {}
     events: list[RaceEvent] = []
     result: dict[str, Any] = {}

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -118,9 +119,19 @@ def load_track(name_or_path: str | Path) -> Track:
         FileNotFoundError: no such circuit or file.
         CourseFileError: the file is broken, or is a path; the message names the row or element and the fault.
     """
-    seed = seed_of(name_or_path)
-    if seed is not None:
-        return random_circuit(seed)
+    if seed_of(name_or_path) is not None or not Path(name_or_path).suffix:
+        return _named_track(str(name_or_path))
+    return _read_track(name_or_path)
+
+
+@lru_cache(maxsize=4)
+def _named_track(name: str) -> Track:
+    """Return a shipped or random circuit, which does not change while a program runs."""
+    seed = seed_of(name)
+    return _read_track(name) if seed is None else random_circuit(seed)
+
+
+def _read_track(name_or_path: str | Path) -> Track:
     with _content(name_or_path) as content:
         if isinstance(content.said, CentreLine):
             return track_from_points(content.name, content.said)

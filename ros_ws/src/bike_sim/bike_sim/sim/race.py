@@ -8,7 +8,8 @@ has finished its laps; the others finish as they next cross the line.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final, NamedTuple
 
@@ -40,6 +41,7 @@ LONGEST: Final = 1.8
 """Longest race, by the theoretical laps of the slowest machine, and one lap more."""
 PASSED, TOUCHED, FELL, CLEARED, FINISHED, PENALISED = "pass", "contact", "fall", "cleared", "finish", "penalty"
 _NAMES: Final = tr.INCIDENT.names
+_NAMESPACE: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,32 @@ class Entry:
     name: str
     vehicle: str
     rider: str = ""
+
+
+def entries_of(machines: Sequence[str], rider: str = "") -> tuple[Entry, ...]:
+    """Return machines given as ``[NAME=]VEHICLE[:RIDER]``; those without a name are numbered.
+
+    Args:
+        machines: in the order of the grid.
+        rider: of those that name none.
+    """
+    entries = []
+    for number, text in enumerate(machines, start=1):
+        name, _, rest = text.rpartition("=")
+        vehicle, _, own = rest.partition(":")
+        entries.append(Entry(name or f"bike_{number}", vehicle, own or rider))
+    return tuple(entries)
+
+
+def check_names(names: Sequence[str]) -> None:
+    """Refuse names that are no ROS namespaces.
+
+    Raises:
+        ValueError: naming the first of them.
+    """
+    for name in names:
+        if not _NAMESPACE.fullmatch(name):
+            raise ValueError(f"machine {name!r} needs a name of letters, digits and underscores, to be a namespace")
 
 
 @dataclass(frozen=True)
@@ -188,8 +216,12 @@ class Race:
         over: whether all machines have finished or are out.
     """
 
-    def __init__(self, settings: RaceSettings) -> None:
+    def __init__(self, settings: RaceSettings, report: Callable[[str], None] = lambda part: None) -> None:
         """Place the machines on the grid.
+
+        Args:
+            settings: of the race.
+            report: gets a text for each machine before its line is computed or looked up.
 
         Raises:
             ValueError: a grid longer than the circuit, machines that cannot race each other, or a course that is none.
@@ -203,6 +235,10 @@ class Race:
         self.batch = Batch(len(machines), race_config(settings), vehicles=machines, together=True)
         self._names = tuple(entry.name for entry in settings.entries)
         try:
+            for row, machine in enumerate(machines):
+                if machine.name not in [known.name for known in machines[:row]]:
+                    report(f"line of {machine.name} on {settings.course}")
+                self.batch.courses(row).line(self.batch.plant(row), settings.course, settings.line)
             self.begin()
         except BaseException:
             self.batch.close()
