@@ -1,17 +1,21 @@
-"""Measure races: ``tools/races.py races|draft|rate``, one CSV on standard output, one line as each is done.
+"""Measure races: ``tools/races.py races|draft|rate|ros``, one CSV on standard output, one line as each is done.
 
 ``races``: six mixed machines on random circuits that nothing was chosen on; does each race end, is it the same from its
 commands, do any two machines pass through each other between two steps? ``draft``: top speed of a machine behind
-another on Barcelona's straight. ``rate``: steps of twelve machines that meet by those of twelve that do not.
+another on Barcelona's straight. ``rate``: steps of twelve machines that meet by those of twelve that do not. ``ros``:
+rate of a race of four machines through nodes in lockstep, each with a driver of its own.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
+import os
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +34,8 @@ from bike_sim.vehicles.superbike import Superbike
 MACHINES = ("panigale_v4r", "zx10rr", "cbr1000rr_r", "r1", "m1000rr")
 FIRST_CIRCUIT = 500
 SUBSTEPS = 10
+EXIT_SPEED = 45.0
+"""Speed at which the throttle is opened before the straight, m/s."""
 PACE = 0.97
 """Part of a plan's speed that is ridden, since plans of so many circuits are not verified."""
 
@@ -116,26 +122,35 @@ def races(count: int, first: int) -> Iterator[list[object]]:
 
 
 def draft(vehicle: str = "panigale_v4r") -> Iterator[list[object]]:
-    """Ride full throttle along Barcelona's straight; yield top speeds alone and behind another, km/h."""
-    yield ["gap_m", "alone_km_h", "behind_km_h", "gained_km_h"]
+    """Ride full throttle along Barcelona's straight, some time after another; yield top speeds, km/h."""
+    yield ["behind_at_the_exit_s", "top_speed_km_h", "gained_km_h", "behind_at_the_end_m"]
     settings = RaceSettings("barcelona", 1, (Entry("a", vehicle), Entry("b", vehicle)))
-    for gap in (5.0, 10.0, 20.0, 40.0):
-        tops = []
-        for together in (False, True):
-            batch = Batch(2, config_of(settings), together=together)
-            for row, place in enumerate((gap + 2.0, 0.0)):
-                begin = batch.courses(row).line(batch.plant(row), "barcelona", 0.0).track.length - 150.0 + place
-                request = ResetRequest(course="barcelona", line=0.0, speed_range=(45.0, 45.0), progress=begin)
-                batch.reset(row, request)
-            if together:
-                batch.meet()
-            top = 0.0
-            while batch.place[1, lk.CENTRE_PROGRESS] < batch.begun(1).followed.track.length + 650.0:  # type: ignore[union-attr]
-                batch.step(np.tile([0.0, 1.0], (2, 1)))
-                top = max(top, float(batch.look[1, lk.SPEED]))
-            tops.append(3.6 * top)
-            batch.close()
-        yield [gap, round(tops[0], 2), round(tops[1], 2), round(tops[1] - tops[0], 2)]
+    config, alone = config_of(settings), 0.0
+    for late in (math.inf, 0.3, 0.4, 0.5, 0.6, 0.8):
+        batch = Batch(2, config, together=math.isfinite(late))
+        track = batch.courses(0).line(batch.plant(0), "barcelona", 0.0).track
+        leave = track.length - 150.0
+        behind = late * EXIT_SPEED if math.isfinite(late) else 0.0
+        for row, place in enumerate((leave, leave - behind)):
+            request = ResetRequest(course="barcelona", line=0.0, speed_range=(EXIT_SPEED, EXIT_SPEED), progress=place)
+            batch.reset(row, request)
+        if math.isfinite(late):
+            batch.meet()
+        top, left, touched = 0.0, behind, False
+        while batch.place[1, lk.CENTRE_PROGRESS] < track.length + 650.0 and not touched:
+            # who is behind holds its speed up to where the other opened the throttle
+            speed = float(batch.look[1, lk.SPEED])
+            held = min(max(0.3 + EXIT_SPEED - speed, -1.0), 1.0)
+            throttle = 1.0 if batch.place[1, lk.CENTRE_PROGRESS] >= leave else held
+            batch.step(np.array([[0.0, 1.0], [0.0, throttle]]))
+            touched = any(incident[0] == tr.CONTACT for incident in batch.incidents)
+            if not touched:
+                top = max(top, 3.6 * float(batch.look[1, lk.SPEED]))
+                left = float(batch.place[0, lk.CENTRE_PROGRESS] - batch.place[1, lk.CENTRE_PROGRESS])
+        alone = alone or top
+        name = f"{late:g}" if math.isfinite(late) else "alone"
+        yield [name, round(top, 1), round(top - alone, 1) if behind else "", round(left, 1) if behind else ""]
+        batch.close()
 
 
 def rate(steps: int = 500) -> Iterator[list[object]]:
@@ -164,14 +179,57 @@ def rate(steps: int = 500) -> Iterator[list[object]]:
     yield [12, round(done / spent[True]), round(done / spent[False]), round(spent[False] / spent[True], 3)]
 
 
+def ros(steps: int = 1000) -> Iterator[list[object]]:
+    """Race four machines through nodes in lockstep; yield simulated by wall-clock time, and by processor time."""
+    from bike_msgs.msg import BikeState
+
+    from bike_sim.ros import messages, node_tools
+    from bike_sim.ros.isolation import DomainLease
+    from bike_sim.ros.subscriptions import RawSubscription
+    from bike_training.envs.node_process import NodeProcess
+
+    yield ["machines", "control_steps", "wall_s", "processor_s", "real_time_factor", "by_processor_time"]
+    names = ["a", "b", "c", "d"]
+    race = {"machines": [f"{name}=panigale_v4r" for name in names], "course": "barcelona", "laps": 9}
+    with ExitStack() as opened:
+        domain = opened.enter_context(DomainLease()).domain_id
+        nodes = [opened.enter_context(NodeProcess("bike_sim.ros.race_node", race, domain, "race"))]
+        for name in names:
+            drive = NodeProcess("bike_policy.drive", {"policy": "classical"}, domain, name)
+            nodes.append(opened.enter_context(drive))
+        guest = node_tools.GuestNode("clock", domain)
+        opened.callback(guest.close)
+        states = RawSubscription(guest, BikeState, f"/{names[0]}/state", node_tools.SENDER_QOS)
+        opened.callback(states.close)
+
+        def until(step: int) -> tuple[float, float]:
+            while True:
+                for node in nodes:
+                    node.check()
+                data = states.wait(0.5)
+                if data is not None and messages.decode_state(data).snapshot.step >= step:
+                    return time.monotonic(), sum(processor_time(node.process.pid) for node in nodes)
+
+        (began, used), (ended, used_then) = until(100), until(100 + steps)
+    simulated, wall, processor = 0.02 * steps, ended - began, used_then - used
+    yield [len(names), steps, round(wall, 1), round(processor, 1), round(simulated / wall, 2),
+           round(simulated / processor, 2)]  # fmt: skip
+
+
+def processor_time(process: int) -> float:
+    """Return the processor time of a process, s."""
+    fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def main() -> None:
     """Print the table that is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("table", choices=("races", "draft", "rate"))
+    parser.add_argument("table", choices=("races", "draft", "rate", "ros"))
     parser.add_argument("--count", type=int, default=100, help="races")
     parser.add_argument("--first", type=int, default=FIRST_CIRCUIT, help="seed of the first circuit")
     args = parser.parse_args()
-    tables = {"races": lambda: races(args.count, args.first), "draft": draft, "rate": rate}
+    tables = {"races": lambda: races(args.count, args.first), "draft": draft, "rate": rate, "ros": ros}
     for row in tables[args.table]():
         print(*row, sep=",", flush=True)
         print(*row, sep="  ", file=sys.stderr)

@@ -59,10 +59,14 @@ def test_machines_far_apart_ride_as_alone() -> None:
 
 
 def test_wake_is_the_published_one() -> None:
-    """Drag behind a motorcycle is that of Blocken et al. (2020); it falls with distance and to the sides."""
+    """Drag behind a motorcycle is that of Blocken et al. (2020) by its size; the momentum is that of its own drag."""
     for behind, drag in ((2.64, 0.52), (10.0, 0.77), (30.0, 0.88), (50.0, 0.93)):
-        assert 1.0 - tr.wake_deficit(behind, 0.0) == pytest.approx(drag)
+        assert 1.0 - tr.wake_deficit(tr.WAKE_SIZE * behind, 0.0) == pytest.approx(drag)
     assert tr.wake_deficit(0.0, 0.0) == tr.wake_deficit(tr.RANGE, 0.0) == 0.0
+    radius = np.linspace(0.0, 3.0, 3001)
+    speed = np.sqrt(1.0 - np.array([tr.wake_deficit(tr.WAKE_DISTANCE[0], r) for r in radius]))
+    momentum = 2.0 * np.trapezoid(2.0 * np.pi * radius * speed * (1.0 - speed), radius)
+    assert momentum == pytest.approx(0.33, rel=0.01)
     offsets = [tr.wake_deficit(10.0, aside) for aside in (0.0, 0.5, 1.0, 2.0)]
     assert offsets == sorted(offsets, reverse=True)
     assert offsets[-1] < 0.01

@@ -35,14 +35,19 @@ RANGE: Final = 100.0
 BESIDE: Final = 2.2
 """Distance along the circuit up to which another is beside, m: about the length of a machine, so that both overlap."""
 
-WAKE_DISTANCE: Final = np.array([2.64, 10.0, 30.0, 50.0, RANGE])
+WAKE_SIZE: Final = math.sqrt(0.33 / 0.57)
+"""Lengths in the wake of a superbike by those of the measured one: turbulent wakes are similar, their size is the root
+of the drag area (Schlichting, Boundary-Layer Theory). Superbikes with a crouching rider have 0.31 to 0.34 m2 (their
+files). The measured wake below holds the momentum of 0.57 m2, as an upright rider's on a touring machine; all
+motorcycles have 0.18 to 0.7 m2 (Cossalter, Motorcycle Dynamics)."""
+WAKE_DISTANCE: Final = WAKE_SIZE * np.array([2.64, 10.0, 30.0, 50.0, RANGE])
 WAKE_DEFICIT: Final = np.array([0.48, 0.23, 0.12, 0.07, 0.0])
 """Part of the drag that is missing so far behind a motorcycle, m from its rear to the front of who follows: measured in
 the wind tunnel and computed (Blocken et al. 2020, Sports Engineering 23:20, for a cyclist behind a motorcycle); none
 at the end of the range."""
-WAKE_WIDTH: Final = 0.45
-"""Standard deviation across of the wake where it is deepest, m: half the width of machine and rider (estimate). It
-widens as the deficit falls, so that the momentum in it stays (Schlichting, Boundary-Layer Theory, wakes)."""
+WAKE_WIDTH: Final = WAKE_SIZE * 0.45
+"""Standard deviation across of the wake where it is deepest, m: half the width of the measured machine and rider
+(estimate). It widens as the deficit falls, so that the momentum in it stays."""
 
 RADIUS: Final = 0.35
 """Half the width of machine and rider, and how far both wheels reach beyond their contact points, m."""
@@ -151,7 +156,7 @@ def forget(traffic: Traffic, row: int) -> None:
 @njit(cache=True)
 def wake_deficit(behind: float, aside: float) -> float:
     """Return the part of the drag that is missing at a place behind and beside the rear of another machine, m."""
-    if behind <= 0.0 or behind >= RANGE:
+    if behind <= 0.0 or behind >= WAKE_DISTANCE[-1]:
         return 0.0
     deepest = np.interp(behind, WAKE_DISTANCE, WAKE_DEFICIT)
     width = WAKE_WIDTH * math.sqrt(WAKE_DEFICIT[0] / max(deepest, 1e-6))
