@@ -116,7 +116,8 @@ def rows_of(snapshot: Any) -> Rows:
     circuit = snapshot.circuit
     limits, points = _NO_CIRCUIT if circuit is None else (circuit.limits[None], circuit.points[None])
     columns = (snapshot.state[None], snapshot.look[None], snapshot.preview_y[None], snapshot.signals[None])
-    return Rows(*columns, limits, points, np.array([snapshot.fallen]))
+    opponents = _ALONE if snapshot.opponents is None else snapshot.opponents[None]
+    return Rows(*columns, limits, points, np.array([snapshot.fallen]), opponents)
 
 
 @dataclass

@@ -15,8 +15,19 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from bike_policy.contract.observation import VehicleRows
 from bike_policy.planning.lap_plan import P_CURVATURE, P_LEFT, P_LONGITUDINAL, P_RIGHT, P_SPEED
-from bike_policy.planning.line_law import HEADING_ERROR, LATERAL_ERROR, PROGRESS, SPEED, Plans, plan_at
+from bike_policy.planning.line_law import (
+    HEADING_ERROR,
+    LATERAL_ERROR,
+    OFFSET,
+    PROGRESS,
+    SPEED,
+    LineLaw,
+    Plans,
+    plan_at,
+    seen_of,
+)
 from bike_sim.schema import FLAG, OPPONENT_SLOTS, Quantity, Schema
 
 FloatArray = NDArray[np.float64]
@@ -33,6 +44,10 @@ _OFFSET, _SIDE, _DEFENDING = range(3)
 
 CLEARANCE: Final = 1.4
 """Distance from another machine's middle to that of one that passes it or is beside, m; 0.7 m is a touch."""
+ABREAST: Final = 2.0
+"""The same across from which on another is not in the way before and in a corner, m."""
+ASTRAY: Final = 0.04
+"""Part of the planned speed that is given up before and in a corner for each m beyond half of one beside the target."""
 MACHINE: Final = 2.1
 """Length of a machine, m."""
 GAP: Final = 2.0
@@ -48,7 +63,7 @@ LEANT: Final = 6.0
 """Lateral acceleration from which on no pass begins, m/s^2."""
 AHEAD: Final = 2.5
 LOOKS: Final = 6
-"""Time that is looked ahead for corners and braking, s, in so many steps."""
+"""Time that is looked ahead for corners, braking and room, s, in so many steps."""
 MOVE_RATE: Final = 1.6
 ESCAPE_RATE: Final = 4.0
 """Rates at which the target moves, m/s: by choice, and to leave room or avoid what stands in the way."""
@@ -81,13 +96,13 @@ def _aside(points: FloatArray, observed: FloatArray, x: float, y: float) -> floa
 
 
 @njit(cache=True)
-def _room(plans: Plans, row: int, s: float, speed: float, offset: float) -> bool:
-    """Return whether an offset stays within the limits for a second and a half."""
+def _room(plans: Plans, row: int, s: float, speed: float, offset: float) -> float:
+    """Return the room on the side of an offset here and ahead, m: a line at an apex is as near to it as it may be."""
     column = P_LEFT if offset > 0.0 else P_RIGHT
     room = math.inf
-    for look in range(4):
-        room = min(room, plan_at(plans, row, column, s + 0.5 * look * speed))
-    return abs(offset) <= room
+    for look in range(LOOKS):
+        room = min(room, plan_at(plans, row, column, s + AHEAD * look / (LOOKS - 1) * speed))
+    return room
 
 
 @njit(cache=True)
@@ -144,9 +159,11 @@ def _decide(
             wish = aside + side * CLEARANCE
             if standing:
                 rate = ESCAPE_RATE
-            if not _room(plans, row, s, speed, wish):
+            if abs(wish) > _room(plans, row, s, speed, wish):
                 memory[_SIDE], wish = 0.0, 0.0
-        if abs(aside - observed[LATERAL_ERROR]) < 0.8 * CLEARANCE:  # in the way
+        # Before and in corners lines converge, and who is ahead takes the corner first.
+        beside = ABREAST if braking or corner != 0.0 else 0.8 * CLEARANCE
+        if abs(aside - observed[LATERAL_ERROR]) < beside:  # in the way
             wanted = GAP + HEADWAY * theirs
             allowed = theirs + CLOSE_IN * (gap - wanted)
             if standing:
@@ -166,7 +183,9 @@ def _decide(
     if low > high:
         low = high = 0.5 * (low + high)
     held = min(max(wish, low), high)
-    if held != wish:
+    room = _room(plans, row, s, speed, held)
+    held = min(max(held, -room), room)
+    if held != wish or abs(memory[_OFFSET]) > _room(plans, row, s, speed, memory[_OFFSET]):
         rate = ESCAPE_RATE
     step = rate * period
     memory[_OFFSET] += min(max(held - memory[_OFFSET], -step), step)
@@ -175,7 +194,35 @@ def _decide(
         bend = plan_at(plans, row, P_CURVATURE, s + 0.6 * AHEAD * look / (LOOKS - 1) * speed)
         if bend * offset > 0.0:
             pace = min(pace, -0.5 * min(bend * offset, 0.5))
+    if corner != 0.0:  # who is not where it wants to be has to turn harder than planned
+        pace = min(pace, -ASTRAY * max(abs(observed[LATERAL_ERROR] - offset) - 0.5, 0.0))
     target[0], target[1] = offset, max(pace, SLOWEST - 1.0)
+
+
+class Racecraft:
+    """Targets of machines of one kind among others, with the memory of their rides.
+
+    Attributes:
+        memory: columns of CRAFT, shape (n, 3).
+    """
+
+    def __init__(self, law: LineLaw, count: int) -> None:
+        """Take the law that rides to the targets, and a number of machines."""
+        self._law = law
+        self.memory, self._targets = np.zeros((count, len(CRAFT))), np.zeros((count, 2))
+
+    def begin(self, row: int, rows: VehicleRows) -> None:
+        """Begin a ride where the machine is beside its line, after the law has begun it."""
+        aside = float(seen_of(rows.state[row : row + 1], rows.look[row : row + 1])[0, LATERAL_ERROR])
+        self.memory[row] = 0.0
+        self.memory[row, _OFFSET] = self._law.memory[row, OFFSET] = aside
+
+    def targets(self, rows: VehicleRows, period: float) -> FloatArray:
+        """Return the targets of a control period (s), shape (n, 2); see `race_targets`."""
+        seen = np.nan_to_num(seen_of(rows.state, rows.look))
+        points, opponents = np.ascontiguousarray(rows.points[:, 0]), np.ascontiguousarray(rows.opponents)
+        race_targets(seen, points, opponents, self.memory, self._law.plans, period, self._targets)
+        return self._targets
 
 
 @njit(cache=True)
@@ -190,7 +237,7 @@ def _side(aside: float, corner: float, offset: float, plans: Plans, row: int, s:
     best, found = math.inf, 0.0
     for side in (1.0, -1.0):
         wish = aside + side * CLEARANCE
-        if not _room(plans, row, s, speed, wish):
+        if abs(wish) > _room(plans, row, s, speed, wish):
             continue
         cost = abs(wish - offset) + 0.3 * abs(wish) - 0.7 * side * corner
         if cost < best:

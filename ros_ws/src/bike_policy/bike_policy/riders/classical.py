@@ -35,6 +35,7 @@ from bike_policy.contract.observation import rows_of
 from bike_policy.planning.grip import AdaptiveLaw, GripMemory
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, RiderSettings
 from bike_policy.planning.line_law import seen_of
+from bike_policy.planning.racecraft import Racecraft
 from bike_sim.course.course import Course
 from bike_sim.sim.request import Preview
 from bike_sim.sim.snapshot import Snapshot
@@ -48,12 +49,16 @@ CLASSICAL: Final = "classical"
 class ClassicalRider:
     """The classical rider of superbikes; implements `bike_policy.riders.rider.Rider`.
 
+    Where its snapshots show others, it races them by rule (`bike_policy.planning.racecraft`).
+
     Attributes:
         plan: of the present ride, the machine's theoretical lap with its reserve; None before the first.
     """
 
     name = CLASSICAL
     preview: Preview | None = None
+    races = True
+    """It sees others."""
 
     def __init__(self, settings: RiderSettings | None = None) -> None:
         """Take the settings of the rider."""
@@ -69,7 +74,7 @@ class ClassicalRider:
         """
         if not isinstance(vehicle, Superbike):
             raise ValueError(f"the classical rider rides superbikes, and {vehicle.name!r} is none")
-        known = self._ride
+        known, self._period = self._ride, period
         if known is None or known[0] is not vehicle or known[1] is not course or known[2] != period:
             self._law = AdaptiveLaw(vehicle, period, self._settings)
             plans = self._law.plans(course)
@@ -77,6 +82,7 @@ class ClassicalRider:
             self.plan = plans.on(1.0)
             self._ride = (vehicle, course, period)
         self._law.begin(0, None, course)
+        self._craft: Racecraft | None = None
 
     @property
     def grip_memory(self) -> GripMemory | None:
@@ -87,5 +93,11 @@ class ClassicalRider:
         """Return the law's command; None where the snapshot is not finite."""
         if not np.isfinite(seen_of(snapshot.state[None], snapshot.look[None])).all():
             return None
-        steering, throttle = self._law.commands(rows_of(snapshot))[0].tolist()
+        rows, targets = rows_of(snapshot), None
+        if snapshot.opponents is not None:
+            if self._craft is None:
+                self._craft = Racecraft(self._law.law, 1)
+                self._craft.begin(0, rows)
+            targets = self._craft.targets(rows, self._period)
+        steering, throttle = self._law.commands(rows, targets=targets)[0].tolist()
         return steering, throttle

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Protocol
@@ -65,6 +66,8 @@ OBSERVED: Final = ("lqr", "mpc")
 """Those of them that an observer helps (`bike_policy.riders.observer`); learned riders of bicycles are the others."""
 
 
+SOLO: Final = "solo:"
+"""Before the name of a rider: in a race it rides as if it were alone."""
 DEFAULT: Final = "default"
 """Name of the rider that rides any vehicle, see `default_name`; a bundle is not found by it."""
 OTHER_BICYCLES: Final = "lqr"
@@ -82,7 +85,8 @@ def make_rider(name: str) -> Rider:
     """Return the rider of a name; on a bicycle with an observer, which changes no bit of a ride that is not disturbed.
 
     Args:
-        name: a key of RIDERS, a shipped bundle, the folder of one, the file of a best lap, or DEFAULT.
+        name: a key of RIDERS, a shipped bundle, the folder of one, the file of a best lap, or DEFAULT; with SOLO in
+            front it sees no others.
 
     Raises:
         ValueError: a bundle or a lap that cannot be used.
@@ -90,6 +94,8 @@ def make_rider(name: str) -> Rider:
     """
     from bike_policy.riders.observer import ObservedRider
 
+    if name.startswith(SOLO):
+        return SoloRider(make_rider(name.removeprefix(SOLO)))
     if name == DEFAULT:
         return DefaultRider()
     if name.endswith(LAP_SUFFIX):
@@ -124,6 +130,29 @@ def grip_of(rider: Rider) -> GripEstimate | None:
     if memory is None:
         return None
     return GripEstimate(float(memory.grip[0]), float(memory.expected[0]), float(memory.variance[0]) ** 0.5)
+
+
+def check_race(rider: Rider, vehicle: Vehicle) -> None:
+    """Refuse a rider that cannot see others, before it plans.
+
+    Args:
+        rider: the rider.
+        vehicle: that it is to ride, by which the default rider chooses.
+
+    Raises:
+        ValueError: naming it.
+    """
+    if isinstance(rider, DefaultRider):
+        rider = make_rider(default_name(vehicle))
+    bundle = bundle_of(rider)
+    seen = bundle is not None and "opponents" in bundle.layout.terms
+    if not seen and not isinstance(rider, SoloRider) and not getattr(_innermost(rider), "races", False):
+        raise ValueError(blind_words(rider.name))
+
+
+def blind_words(name: str) -> str:
+    """Return what is said of a rider that cannot see others."""
+    return f"policy {name!r} cannot see others, as a race asks for; {SOLO}{name} rides it as if it were alone"
 
 
 def bundle_of(rider: Rider) -> Bundle | None:
@@ -166,6 +195,29 @@ class DefaultRider:
     def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
         """Return the command of the chosen policy."""
         return None if self.rider is None else self.rider.command(snapshot)
+
+
+class SoloRider:
+    """A rider that sees no others; implements `bike_policy.riders.rider.Rider`.
+
+    Attributes:
+        rider: that rides.
+        name: its name, with SOLO in front.
+        preview: that it needs.
+    """
+
+    def __init__(self, rider: Rider) -> None:
+        """Take a rider."""
+        self.rider, self.preview, self.name = rider, rider.preview, f"{SOLO}{rider.name}"
+
+    def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
+        """Prepare it; see `Rider`."""
+        self.rider.begin(vehicle, course, period, preview)
+        self.name = f"{SOLO}{self.rider.name}"  # that of the default rider is known only now
+
+    def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
+        """Return its command; see `Rider`."""
+        return self.rider.command(replace(snapshot, opponents=None))
 
 
 class LearnedRider:

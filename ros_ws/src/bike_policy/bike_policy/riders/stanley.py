@@ -161,6 +161,8 @@ class ManualRider(StanleyRider):
     """
 
     name = HANDS
+    races = True
+    """A person sees the others."""
     steering = 0.0
     throttle = 0.0
     balances = True

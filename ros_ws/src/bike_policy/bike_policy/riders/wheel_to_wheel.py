@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_policy.contract.observation import Rows, VehicleRows
-from bike_policy.planning import line_law as ll
 from bike_policy.planning.grip import AdaptiveLaw
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, Planner
 from bike_policy.planning.plan_verification import BatchRider
-from bike_policy.planning.racecraft import CRAFT, race_targets
+from bike_policy.planning.racecraft import Racecraft
 from bike_policy.riders.racing import PolicyBatch
-from bike_policy.riders.rider import RIDERS
+from bike_policy.riders.rider import RIDERS, SOLO, blind_words
 from bike_sim.course.course import Course
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
@@ -26,8 +25,6 @@ FloatArray = NDArray[np.float64]
 MachinePlanner = Callable[[Superbike, Course], LinePlan]
 """Plans a lap of a closed line for a machine."""
 CLASSICAL: Final = "classical"
-SOLO: Final = "solo:"
-"""Before the name of a rider: it rides as if it were alone."""
 
 
 class RacecraftRider:
@@ -43,22 +40,16 @@ class RacecraftRider:
             plan: plans a lap of a line; None for a verified plan.
         """
         self._rider, self._period = AdaptiveLaw(vehicle, period, CLASSICAL_SETTINGS, count, plan), period
-        self.memory, self._targets = np.zeros((count, len(CRAFT))), np.zeros((count, 2))
+        self._craft = Racecraft(self._rider.law, count)
 
     def begin(self, row: int, rows: VehicleRows, line: Course) -> None:
         """Begin a ride where the machine is beside its line, after its reset."""
         self._rider.begin(row, rows, line)
-        aside = float(ll.seen_of(rows.state[row : row + 1], rows.look[row : row + 1])[0, ll.LATERAL_ERROR])
-        self.memory[row] = 0.0
-        self.memory[row, 0] = self._rider.law.memory[row, ll.OFFSET] = aside
+        self._craft.begin(row, rows)
 
     def commands(self, rows: VehicleRows, step: int) -> FloatArray:
         """Return steering and throttle in [-1, 1], shape (n, 2)."""
-        seen = np.nan_to_num(ll.seen_of(rows.state, rows.look))
-        points = np.ascontiguousarray(rows.points[:, 0])
-        opponents = np.ascontiguousarray(rows.opponents)
-        race_targets(seen, points, opponents, self.memory, self._rider.law.plans, self._period, self._targets)
-        return self._rider.commands(rows, step, self._targets)
+        return self._rider.commands(rows, step, self._craft.targets(rows, self._period))
 
 
 class RaceField:
@@ -139,9 +130,6 @@ def _rider(
     if not bundle.layout.races:
         raise ValueError(f"policy {bundle.name!r} follows paths; it cannot race")
     if not solo and "opponents" not in bundle.layout.terms:
-        raise ValueError(
-            f"policy {bundle.name!r} cannot see others, for its layout has no term 'opponents'; "
-            f"{SOLO}{bundle.name} rides it as if it were alone"
-        )
+        raise ValueError(blind_words(bundle.name))
     bundle.check_fit(vehicle.name, period)
     return PolicyBatch(bundle, vehicle, period, count)

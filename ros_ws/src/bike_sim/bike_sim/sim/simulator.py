@@ -80,6 +80,7 @@ class RowSnapshots:
             signals=signals,
             circuit=circuit,
             events=events,
+            opponents=None if batch.traffic is None else batch.opponents[row].copy(),
         )
 
 

@@ -71,6 +71,8 @@ class Snapshot:
             WALL, DIVERGED or CONTACT.
         circuit: place, limits and course points; None where there is no circuit.
         events: since the previous snapshot, in the order of time.
+        opponents: nearest others in a race, in the order of `schema.OPPONENT_SLOTS` and `schema.OPPONENT`, shape
+            (slots, numbers), as ``bike_msgs/Opponents`` carries them; None where there is no race.
     """
 
     episode: int
@@ -92,6 +94,7 @@ class Snapshot:
     signals: FloatArray = field(default_factory=lambda: NO_SIGNALS)
     circuit: CircuitView | None = None
     events: tuple[Event, ...] = ()
+    opponents: FloatArray | None = None
 
     @property
     def distance(self) -> float:
