@@ -69,6 +69,7 @@ SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
     "exporting": (_CONTRACT[0], f"{_POLICY}/policies", "training/bike_training/exporting"),
     "benchmark": ("training/bike_training/benchmark",),
     "ros": (f"{_SIM}/ros", f"{_POLICY}/drive.py"),
+    "racecraft": (f"{_POLICY}/planning/racecraft.py", f"{_POLICY}/riders/wheel_to_wheel.py"),
 }
 """Paths of each source, as git takes them."""
 HEAD: Final = ("command", "commit", "date", "machine", "depends")
@@ -348,9 +349,10 @@ def _written(action: Action) -> str:
 def parameters(node: str) -> str:
     """Return the parameters of a node."""
     from bike_policy import drive, joy
-    from bike_sim.ros import record, sim_node
+    from bike_sim.ros import race_node, record, sim_node
 
-    specs: Any = {"sim_node": sim_node, "drive": drive, "joystick": joy, "record": record}[node].SPECS
+    nodes = {"sim_node": sim_node, "race_node": race_node, "drive": drive, "joystick": joy, "record": record}
+    specs: Any = nodes[node].SPECS
     text = ""
     for spec in specs:
         default = "none" if spec.default in ("", ()) else str(spec.default)

@@ -34,6 +34,7 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
+            "race_node = bike_sim.ros.race_node:main",
             "record = bike_sim.ros.record:main",
             "sim_node = bike_sim.ros.sim_node:main",
         ],

@@ -78,16 +78,17 @@ class NodeProcess(AbstractContextManager["NodeProcess"]):
     is killed, the node notices and ends.
     """
 
-    def __init__(self, module: str, parameters: Mapping[str, Any], domain_id: int) -> None:
+    def __init__(self, module: str, parameters: Mapping[str, Any], domain_id: int, namespace: str = "bike") -> None:
         """Start the node.
 
         Args:
             module: its Python module.
             parameters: ROS parameters.
             domain_id: its ROS domain.
+            namespace: of its topics.
         """
         self.module = module
-        command = [sys.executable, "-m", module, "--ros-args", "-r", "__ns:=/bike"]
+        command = [sys.executable, "-m", module, "--ros-args", "-r", f"__ns:=/{namespace}"]
         command += ["--log-level", "warn"]
         for name, value in parameters.items():
             command += ["-p", f"{name}:={json.dumps(value)}"]

@@ -11,18 +11,27 @@ from __future__ import annotations
 import time
 from collections import Counter, deque
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Final, NoReturn
 
 import numpy as np
 import rclpy.node
-from bike_msgs.msg import BikeState
+from bike_msgs.msg import BikeState, Opponents
 from bike_msgs.msg import Course as CourseMessage
+from numpy.typing import NDArray
 
-from bike_policy.riders.rider import DEFAULT, Rider, bundle_of, grip_of, infers_grip, make_rider
+from bike_policy.riders.rider import DEFAULT, Rider, bundle_of, check_race, grip_of, infers_grip, make_rider
 from bike_sim.course.course import Course
 from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import Command
-from bike_sim.ros.messages import StateMessage, course_from_message, decode_state, encode_command, grip_to_message
+from bike_sim.ros.messages import (
+    StateMessage,
+    course_from_message,
+    decode_opponents,
+    decode_state,
+    encode_command,
+    grip_to_message,
+)
 from bike_sim.ros.node_tools import CannotGoOn, ParameterSpec
 from bike_sim.ros.subscriptions import subscribe
 from bike_sim.ros.topics import publisher
@@ -36,7 +45,8 @@ SPECS: Final = (
         "policy",
         DEFAULT,
         "whipple, lqr, mpc or stanley; racer, generalist, adaptive, spdl_barcelona or classical; the folder of a "
-        "bundle; or default (or nothing), which chooses by the vehicle that the simulator holds.",
+        "bundle; or default (or nothing), which chooses by the vehicle that the simulator holds. In a race classical "
+        "sees the others; solo: in front of any name rides it as if it were alone.",
         fixed=True,
     ),
     VEHICLE,
@@ -97,8 +107,13 @@ class Drive(rclpy.node.Node):
         self._started_at = time.monotonic()
         self._diagnostics = node_tools.Diagnostics(self)
         subscribe(self, CourseMessage, "course", self._on_course, node_tools.LATCHED_QOS)
+        self._opponents: tuple[int, int, NDArray[np.float64]] | None = None
+        self._races, self._waiting = False, b""
+        opponents = self.create_subscription(
+            Opponents, "opponents", self._on_opponents, node_tools.STREAM_QOS, raw=True
+        )
         states = self.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS, raw=True)
-        self.streams = (states,)
+        self.streams = (opponents, states)
         node_tools.on_change(self, specs, self._accept)
         node_tools.wall_timer(self, REPORT_PERIOD, self._report)
         self.get_logger().info(f"policy {self._rider.name!r} is waiting for states")
@@ -155,7 +170,13 @@ class Drive(rclpy.node.Node):
             self._counts["refused"] += 1
             self.get_logger().error("a state has another shape than those of its episode before", once=True)
             return
-        self._last = message
+        if self._races and not snapshot.fallen:
+            seen = self._opponents
+            if seen is None or seen[:2] != (snapshot.episode, snapshot.step):
+                self._waiting = data  # what it shows of the others is on the way
+                return
+            snapshot = replace(snapshot, opponents=seen[2])
+        self._last, self._waiting = message, b""
         if snapshot.fallen:
             self._counts["over"] += 1
             return
@@ -170,6 +191,15 @@ class Drive(rclpy.node.Node):
         if not repeated:
             self._counts["answered"] += 1
             self._latencies.append(self._answered_at - began)
+
+    def _on_opponents(self, data: bytes) -> None:
+        try:
+            self._opponents = decode_opponents(data)
+        except ValueError as error:
+            self.get_logger().error(f"opponents cannot be read: {error}", once=True)
+            return
+        if self._waiting:
+            self._on_state(self._waiting)
 
     def _is_settling(self, now: float) -> bool:
         """Whether a subscriber to commands may not have discovered this node yet."""
@@ -207,6 +237,9 @@ class Drive(rclpy.node.Node):
         episode = message.episode
         try:
             vehicle = self._vehicle(episode.vehicle)
+            self._races = self.count_publishers("opponents") > 0
+            if self._races:
+                check_race(self._rider, vehicle)
             self._rider.begin(vehicle, self._course[1], episode.control_period, episode.preview)
         except (ValueError, FileNotFoundError) as error:
             self.get_logger().error(f"the policy does not fit the simulator: {error}")

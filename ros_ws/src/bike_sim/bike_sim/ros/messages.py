@@ -32,7 +32,7 @@ from bike_sim.physics import state as st
 from bike_sim.recording.definitions import message_type
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.node_tools import NANOSECONDS, time_to_message
-from bike_sim.schema import BIKE_STATE, FLAG, LIMITS, LOOK, SIGNALS, STATE, TELEMETRY
+from bike_sim.schema import BIKE_STATE, FLAG, LIMITS, LOOK, OPPONENT, SIGNALS, STATE, TELEMETRY
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import Event, EventKind, WallHit
@@ -49,12 +49,13 @@ FOOTPRINT_FRAME: Final = "base_footprint"
 
 STATE_TYPE: Final = "bike_msgs/msg/BikeState"
 COMMAND_TYPE: Final = "bike_msgs/msg/BikeCommand"
+OPPONENTS_TYPE: Final = "bike_msgs/msg/Opponents"
 
 _RANGES: Final = tuple(spec.name for spec in fields(PathRanges))
 # ------------------------------------------------------------------------------------------------------------ bytes
 
 _STORE: Final = get_typestore(Stores.EMPTY)
-for _kind in (STATE_TYPE, COMMAND_TYPE):
+for _kind in (STATE_TYPE, COMMAND_TYPE, OPPONENTS_TYPE):
     _STORE.register(
         {
             name: definition
@@ -64,6 +65,7 @@ for _kind in (STATE_TYPE, COMMAND_TYPE):
     )
 _MESSAGES: Final[dict[str, Any]] = dict(_STORE.types)
 _State, _Command = _MESSAGES[STATE_TYPE], _MESSAGES[COMMAND_TYPE]
+_Opponents = _MESSAGES[OPPONENTS_TYPE]
 _Event, _Header = _MESSAGES["bike_msgs/msg/RideEvent"], _MESSAGES["std_msgs/msg/Header"]
 _Time = _MESSAGES["builtin_interfaces/msg/Time"]
 
@@ -270,6 +272,34 @@ def decode_command(data: bytes) -> Command:
     """
     message = _decode(data, COMMAND_TYPE)
     return Command(message.episode, message.step, message.steering, message.throttle)
+
+
+def encode_opponents(snapshot: Snapshot, stamp: int, frame: str = FOOTPRINT_FRAME) -> bytes:
+    """Return the bytes of ``bike_msgs/Opponents``.
+
+    Args:
+        snapshot: of a race.
+        stamp: simulated time, ns.
+        frame: base_footprint of the machine.
+    """
+    assert snapshot.opponents is not None, "it is a snapshot of a race"
+    columns = np.ascontiguousarray(snapshot.opponents.T)
+    numbers = dict(zip(OPPONENT.names[1:], columns[1:], strict=True))
+    message = _Opponents(
+        header=_header(stamp, frame), episode=snapshot.episode, step=snapshot.step, present=columns[0] != 0.0, **numbers
+    )
+    return bytes(_STORE.serialize_cdr(message, OPPONENTS_TYPE))
+
+
+def decode_opponents(data: bytes) -> tuple[int, int, FloatArray]:
+    """Return episode, step and what is seen of the nearest others, as in `Snapshot.opponents`, bit for bit.
+
+    Raises:
+        ValueError: the bytes are no such message.
+    """
+    message = _decode(data, OPPONENTS_TYPE)
+    columns = [np.asarray(getattr(message, name), dtype=np.float64) for name in OPPONENT.names]
+    return message.episode, message.step, np.stack(columns, axis=1)
 
 
 # ------------------------------------------------------------------------------------------------------------ reset

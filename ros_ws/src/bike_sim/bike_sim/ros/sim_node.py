@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final, NoReturn
 
@@ -24,41 +24,26 @@ from bike_msgs.msg import BikeCommand, BikeState
 from bike_msgs.srv import Pause, Reset
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
-from std_msgs.msg import String
 
-from bike_sim.course.course import Course
 from bike_sim.physics.engines import ENGINE_KINDS
-from bike_sim.ros import node_tools, standard_messages
+from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import Command, CommandGate, Outcome
-from bike_sim.ros.messages import (
-    Episode,
-    course_points_to_message,
-    course_to_message,
-    decode_command,
-    encode_state,
-    episode_start_to_message,
-    event_to_message,
-    lean_history_to_message,
-    telemetry_to_message,
-)
+from bike_sim.ros.messages import decode_command
 from bike_sim.ros.node_tools import NANOSECONDS, ParameterSpec, time_to_message
-from bike_sim.ros.topics import TFMessage, publisher
+from bike_sim.ros.ride_topics import RideTopics
+from bike_sim.ros.topics import publisher
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances, load_disturbances
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import DIVERGED, Snapshot
 from bike_sim.vehicles.files import load_vehicle
-from bike_sim.vehicles.superbike import Superbike
 
 FIRST_STAMP: Final = NANOSECONDS
 """Simulated time of the first state, ns: nodes take a clock of 0 for one that has not begun."""
 
 REPEAT_AFTER: Final = 0.4
 """Wall-clock time after which an unanswered state is published again, s. Looked at every HOUSEKEEPING_PERIOD."""
-
-SCREEN_PERIOD: Final = 1.0 / 60.0
-"""Least wall-clock time between two states for screens, s."""
 
 HOUSEKEEPING_PERIOD: Final = 0.5
 REPORT_PERIOD: Final = 1.0
@@ -246,66 +231,27 @@ class SimNode(rclpy.node.Node):
     # ------------------------------------------------------------------------------------------------------- topics
 
     def _open_topics(self) -> None:
-        values, vehicle, disturbances = self._settings.values, self._simulator.vehicle, self._settings.disturbances
-        self._state_topic, self._screen_topic = publisher(self, "state"), publisher(self, node_tools.SCREEN_STATE)
-        self._screened_at = 0.0
-        self._clock_topic = publisher(self, "/clock") if values["publish_clock"] else None
-        self._start_topic, self._course_topic, self._course_marker_topic, self._event_topic = (
-            publisher(self, name) for name in ("episode", "course", "course_marker", "events")
-        )
-        self._diagnostics = node_tools.Diagnostics(self)
-        publisher(self, "robot_description").publish(String(data=standard_messages.robot_description(vehicle)))
-        if disturbances is not None:
-            publisher(self, "disturbances").publish(String(data=disturbances.to_text()))
-        frames = standard_messages.TRANSFORMS
-        # Messages that are only made where someone listens: they cost more than the state itself.
-        extras: dict[str, Callable[[Snapshot, int], Any]] = {
-            "course_points": lambda s, stamp: course_points_to_message(s, self._course, stamp),
-            "lean_history": lambda s, stamp: lean_history_to_message(s, stamp, self._period),
-            "odom": lambda s, stamp: standard_messages.odometry(s, vehicle, stamp),
-            "joint_states": lambda s, stamp: standard_messages.joint_state(s, vehicle, stamp),
-            "markers": lambda s, stamp: standard_messages.vehicle_markers(s, vehicle, stamp),
-        }
-        if isinstance(vehicle, Superbike):
-            extras["telemetry"] = lambda s, stamp: telemetry_to_message(s, vehicle, stamp)
-        if TFMessage is not None:
-            extras["/tf"] = lambda s, stamp: TFMessage(transforms=[make(s, stamp) for make in frames])
-        self._extras = [(publisher(self, name), make) for name, make in extras.items()]
-        # The same as on /tf, for viewers of recordings made where tf2_msgs is missing.
-        transforms = publisher(self, "transform")
-        self._extras += [(transforms, make) for make in frames]
+        values = self._settings.values
         name = self.get_namespace().strip("/")
-        self._prefix = values["frame_prefix"] or ("" if name in ("", node_tools.NAMESPACE) else f"{name}/")
-
-    @property
-    def _course(self) -> Course:
-        course = self._simulator.course
-        assert course is not None, "the first episode has begun"
-        return course
+        prefix = values["frame_prefix"] or ("" if name in ("", node_tools.NAMESPACE) else f"{name}/")
+        disturbances = self._settings.disturbances
+        self._topics = RideTopics(self, self._simulator.plant, self._period, prefix=prefix, disturbances=disturbances)
+        self._clock_topic = publisher(self, "/clock") if values["publish_clock"] else None
+        self._diagnostics = node_tools.Diagnostics(self)
 
     def _show(self, snapshot: Snapshot) -> None:
         """Publish a state and all that goes with it."""
         self._snapshot = snapshot
         self._stamp = self._begin_stamp + snapshot.step * self._period
-        self._state = encode_state(snapshot, self._episode, self._stamp)
+        self._topics.take(snapshot, self._stamp)
         # The state first: the partner computes its answer while the rest is made.
         self._publish_state()
-        for topic, make in self._extras:
-            if topic.get_subscription_count():
-                topic.publish(self._prefixed(make(snapshot, self._stamp)))
-
-    def _prefixed(self, message: Any) -> Any:
-        return standard_messages.set_prefix(message, self._prefix) if self._prefix else message
+        self._topics.publish_extras()
 
     def _publish_state(self) -> None:
         if self._clock_topic is not None and self._clock_topic.get_subscription_count():
             self._clock_topic.publish(Clock(clock=time_to_message(self._stamp)))
-        self._state_topic.publish(self._state)
-        self._published_at = time.monotonic()
-        if self._published_at - self._screened_at > SCREEN_PERIOD:
-            self._screened_at = self._published_at
-            if self._screen_topic.get_subscription_count():
-                self._screen_topic.publish(self._state)
+        self._topics.publish_state()
 
     # ------------------------------------------------------------------------------------------------------ episodes
 
@@ -328,19 +274,11 @@ class SimNode(rclpy.node.Node):
         snapshot = self._simulator.reset(request)
         config, course = self._simulator.config, self._simulator.course
         assert course is not None
-        self._episode = Episode.of(self._simulator.vehicle, course, self._simulator.preview, config.control_period)
         self._begin_stamp = self._stamp + self._period
         self._hold: Command | None = None
         self._held_since = 0
         self._waiting = None
-        names = self._simulator.plant.signal_names
-        start = episode_start_to_message(request, config, names, snapshot.episode, self._begin_stamp)
-        self._start_topic.publish(start)
-        self._course_topic.publish(course_to_message(course, snapshot.episode, self._begin_stamp))
-        marker = standard_messages.course_marker(course, self._begin_stamp)
-        self._course_marker_topic.publish(self._prefixed(marker))
-        for event in snapshot.events:
-            self._event_topic.publish(event_to_message(event, snapshot, self._begin_stamp))
+        self._topics.begin(snapshot, request, config, course, self._simulator.preview, self._begin_stamp)
         self._show(snapshot)
         return snapshot
 
@@ -351,8 +289,8 @@ class SimNode(rclpy.node.Node):
             self.get_logger().error(f"the physics diverged in step {snapshot.step}; the episode ends as a fall")
         self._steps += 1
         self._show(snapshot)
+        self._topics.publish_events(snapshot, self._stamp)
         for event in snapshot.events:
-            self._event_topic.publish(event_to_message(event, snapshot, self._stamp))
             self.get_logger().info(f"episode {snapshot.episode}, {event.time:.3f} s: {event.text}")
         if self._wants_new_episode(snapshot):
             self._begin(self._own_request())
@@ -419,7 +357,7 @@ class SimNode(rclpy.node.Node):
         except (ValueError, OSError) as error:
             response.message = " ".join(str(error).split())
             self.get_logger().warning(f"reset refused: {response.message}")
-        response.state = deserialize_message(self._state, BikeState)
+        response.state = deserialize_message(self._topics.state, BikeState)
         return response
 
     def _on_pause(self, request: Pause.Request, response: Pause.Response) -> Pause.Response:
@@ -448,7 +386,7 @@ class SimNode(rclpy.node.Node):
 
     def _on_housekeeping_timer(self) -> None:
         now = time.monotonic()
-        if now - self._published_at > REPEAT_AFTER:
+        if now - self._topics.published_at > REPEAT_AFTER:
             self._publish_state()
         if now - self._reported_at > REPORT_PERIOD - 0.5 * HOUSEKEEPING_PERIOD:
             self._report()
@@ -456,7 +394,7 @@ class SimNode(rclpy.node.Node):
     def _name_rivals(self) -> str:
         """Return what is wrong where another node publishes what only this one may, else nothing."""
         if self.count_publishers("state") > 1:
-            topic = self._state_topic.topic_name
+            topic = self._topics.state_topic
             return f"another simulator, or one that was killed just now, publishes {topic}: give each its own namespace"
         if self._clock_topic is not None and self.count_publishers("/clock") > 1:
             return "another node publishes /clock: set publish_clock to false in all simulators but one"
@@ -494,9 +432,10 @@ class SimNode(rclpy.node.Node):
         self._reported_steps = self._steps
 
     def _describe(self) -> str:
-        config, disturbed = self._simulator.config, self._settings.disturbances
+        config, disturbed, course = self._simulator.config, self._settings.disturbances, self._simulator.course
+        assert course is not None, "the first episode has begun"
         return (
-            f"{config.vehicle} on course {self._course.name!r} ({self._course.length:.0f} m) at "
+            f"{config.vehicle} on course {course.name!r} ({course.length:.0f} m) at "
             f"{self._request.speed_range[0]:g} m/s, {config.engine} at {config.time_step * 1e3:g} ms, "
             f"a command every {config.control_period * 1e3:g} ms, {self._settings.values['mode']}"
             + (f", disturbed by {disturbed.name}" if disturbed is not None else "")

@@ -40,6 +40,7 @@ TOPICS: Final = {
     "disturbances": Topic(String, tools.LATCHED_QOS),
     "events": Topic(ours.RideEvent, tools.EVENT_QOS),
     "grip": Topic(ours.GripEstimate),
+    "opponents": Topic(ours.Opponents),
     "course_points": Topic(ours.CoursePoints),
     "lean_history": Topic(ours.LeanHistory),
     "telemetry": Topic(ours.Telemetry),
@@ -56,10 +57,17 @@ TOPICS: Final = {
 """By their names relative to the namespace; absolute ones are shared."""
 
 
-def publisher(node: Node, name: str) -> Publisher:
-    """Return a node's publisher of one of the topics."""
+def publisher(node: Node, name: str, namespace: str = "") -> Publisher:
+    """Return a node's publisher of one of the topics.
+
+    Args:
+        node: that publishes.
+        name: of the topic, as in `TOPICS`.
+        namespace: of the topic, absolute; none for the node's own.
+    """
     kind, qos = TOPICS[name]
-    return node.create_publisher(kind, name, qos, event_callbacks=tools.QUIET)
+    full = f"{namespace}/{name}" if namespace and not name.startswith("/") else name
+    return node.create_publisher(kind, full, qos, event_callbacks=tools.QUIET)
 
 
 def type_name(kind: type) -> str:
