@@ -12,6 +12,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,13 +38,17 @@ from bike_sim.course.elements import Arc
 from bike_sim.physics.bicycle.steady_turn import steady_turns
 from bike_sim.ros.isolation import DomainLease
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.race import RaceSettings, entries_of, race_config
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_training.envs.node_process import NodeLost, NodeProcess
 from bike_training.nodes import live_watch
+from bike_training.nodes.live_race import LiveRace
 from bike_training.nodes.live_ride import PACES, STATE_NAMES, LiveRide, LiveSettings, checked_request, state_names
 from bike_training.nodes.live_server import MAX_REQUEST, LiveServer
 from bike_training.nodes.live_watch import LiveWatch
+from bike_training.nodes.race_recording import RecordedRace
+from tests.circuits import OVAL
 
 CIRCLE = """\
 format: bike.course/1
@@ -507,3 +512,54 @@ def test_where_no_simulator_runs_it_is_told_in_one_sentence(monkeypatch: pytest.
         with pytest.raises(NodeLost, match=f"no simulator at /other in ROS domain {lease.domain_id} within 1 s"):
             watch.start()
         watch.end()
+
+
+@pytest.mark.ros
+def test_race_is_ridden_by_keys_against_riders(browser: webdriver.Chrome, tmp_path: Path) -> None:
+    """The page shows all machines; the last one is the computer's until a key is pressed, and the recording replays."""
+    circuit = tmp_path / "oval.yaml"
+    circuit.write_text(OVAL)
+    race = RaceSettings(str(circuit), 1, entries_of(["one=r1", "two=r1", "own=r1"], "classical"), line=0.0)
+    told: list[dict[str, Any]] = []
+    servers: list[LiveServer] = []
+
+    def report(message: dict[str, Any]) -> None:
+        told.append(message)
+        for server in servers:
+            server.publish(message)
+
+    path = tmp_path / "race.mcap"
+    settings = LiveSettings(race_config(race), ResetRequest(course=str(circuit)), make_rider("classical"), path)
+    ride = LiveRace(race, settings, lambda part: None, report)
+    try:
+        ride.start()
+        assert ride.course is not None
+        view = live_view(ride.course, "own, r1", True, others=["one", "two"])
+        page = partial(render_live_page, view, "classical", state_names(True), True, others=STATE_NAMES)
+        servers.append(LiveServer(page, ride.ask, ride.status))
+        servers[0].start()
+        browser.get(servers[0].address)
+        wait = WebDriverWait(browser, 40)
+        columns = """return document.querySelector('.view').view.series
+          .map(one => [one.name, one.columns.time.length, one.columns.x.at(-1)])"""
+        wait.until(lambda b: b.execute_script("return +(document.querySelector('.view').dataset.states ?? 0)") > 10)
+        (own, *others) = browser.execute_script(columns)
+        assert [name for name, *_ in (own, *others)] == ["you", "one", "two"]
+        assert own[1] == others[0][1] == others[1][1]
+        assert len({round(x, 1) for *_, x in (own, *others)}) == 3
+        assert not ride.status()["status"]["hands"]
+        ActionChains(browser).key_down(Keys.ARROW_UP).perform()
+        wait.until(lambda _: ride.status()["status"]["hands"])
+        begun = len(told)
+        ridden_until(lambda: sum("state" in message for message in told[begun:]) > 60, told)
+        ActionChains(browser).key_up(Keys.ARROW_UP).perform()
+        errors = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+        assert errors == []
+    finally:
+        ride.end()
+        for server in servers:
+            server.close()
+    ride.check()
+    recorded = RecordedRace.read(path)
+    assert (recorded.commands[:, 2, 1] == 1.0).sum() > 20, "the key was full throttle"
+    assert recorded.replay() == (len(recorded.states), "")

@@ -14,7 +14,8 @@ class Live {
     this.pads = { steering: 0, throttle: 0 };
     this.command = { steering: 0, throttle: 0 };
     this.laps = [];
-    this.ghost = view.series[1];
+    this.others = spec.others.length ? view.series.slice(1) : [];  // the other machines of a race
+    this.ghost = this.others.length ? undefined : view.series[1];
     this.ghostTime = this.ghost?.columns.time;
     this.clear();
     this.listen();
@@ -23,7 +24,11 @@ class Live {
   }
   // The ghost begins with the ride, and again with each lap if it is one.
   startGhost(at) { if (this.ghost) this.ghost.columns.time = this.ghostTime.map(time => time + at); }
-  clear() { this.startGhost(0); this.rows = Object.fromEntries(this.spec.names.map(name => [name, []])); }
+  clear() {
+    this.startGhost(0);
+    this.rows = Object.fromEntries(this.spec.names.map(name => [name, []]));
+    this.theirs = this.others.map(() => Object.fromEntries(this.spec.others.map(name => [name, []])));
+  }
 
   connect() {
     this.socket = new WebSocket(`ws://${location.host}${location.pathname}ws`);
@@ -36,10 +41,10 @@ class Live {
   }
   send(message) { if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message)); }
 
-  take({ state, sent, reset, event, lap, status, ended, course }) {
+  take({ state, others, sent, reset, event, lap, status, ended, course }) {
     if (course) location.reload();  // the server has the page of the new one
     if (reset) this.clear();
-    if (state) this.add(state, sent);
+    if (state) this.add(state, sent, others);
     if (lap) {
       this.laps.push(lap);
       if (this.spec.ghostLaps) this.startGhost(this.rows.time[this.rows.time.length - 1] ?? 0);
@@ -48,11 +53,13 @@ class Live {
     if (status) this.show(status);
     if (ended) { this.over = true; this.say("the ride has ended"); }
   }
-  add(state, sent) {
-    const { names, scales } = this.spec;
-    names.forEach((name, k) => this.rows[name].push(state[k] * (scales[name] ?? 1)));
+  add(state, sent, others = []) {
+    const { names, scales } = this.spec, put = (rows, values) =>
+      Object.keys(rows).forEach((name, k) => rows[name].push(values[k] * (scales[name] ?? 1)));
+    put(this.rows, state);
+    others.forEach((values, k) => put(this.theirs[k], values));
     const { time } = this.rows, old = rowOf(time, time[time.length - 1] - KEPT_S);
-    if (old > 200) for (const name of names) this.rows[name].splice(0, old);
+    if (old > 200) for (const rows of [this.rows, ...this.theirs]) for (const name in rows) rows[name].splice(0, old);
     this.sent = sent;
     this.states += 1;
     this.drawing ||= requestAnimationFrame(() => this.draw());
@@ -63,7 +70,11 @@ class Live {
     this.drawing = 0;
     const { view } = this, { time } = this.rows;
     if (time.length < 2) return;
-    for (const name of this.spec.names) if (view.main.columns[name]) view.main.columns[name] = Float64Array.from(this.rows[name]);
+    const show = (series, rows) => {
+      for (const name in rows) if (series.columns[name]) series.columns[name] = Float64Array.from(rows[name]);
+    };
+    show(view.main, this.rows);
+    this.others.forEach((series, k) => show(series, this.theirs[k]));
     const last = time[time.length - 1];
     view.range = [Math.max(last - KEPT_S, time[0]), Math.max(last, time[0] + 1)];
     view.place = time.length - 1;

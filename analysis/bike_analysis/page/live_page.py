@@ -62,7 +62,9 @@ def ghost_of(comparison: Comparison, course: Course) -> Ghost | None:
     return Series(run.label, shown, series_colour(1)), run.lap is not None
 
 
-def live_view(course: Course, machine: str, powered: bool, ghost: Ghost | None = None) -> View:
+def live_view(
+    course: Course, machine: str, powered: bool, ghost: Ghost | None = None, others: Sequence[str] = ()
+) -> View:
     """Return the view of a ride that has not begun.
 
     Args:
@@ -70,6 +72,7 @@ def live_view(course: Course, machine: str, powered: bool, ghost: Ghost | None =
         machine: Name of the vehicle.
         powered: Whether it has throttle and brake; its speed is shown in km/h.
         ghost: Who rides along, on the map and in the traces.
+        others: Names of the other machines of a race; there is no ghost then.
     """
     still = np.zeros(2)
     columns = {
@@ -86,7 +89,11 @@ def live_view(course: Course, machine: str, powered: bool, ghost: Ghost | None =
     return View(
         "live",
         f"{machine} on {course.name}",
-        (Series("this ride", columns), *(ghost[:1] if ghost else ())),
+        (
+            Series("you" if others else "this ride", columns),
+            *(ghost[:1] if ghost else ()),
+            *(Series(name, dict(columns), series_colour(number)) for number, name in enumerate(others, start=1)),
+        ),
         panels,
         (path, *limit_lines(course)),
         colours=(),
@@ -104,6 +111,7 @@ def render_live_page(
     host: str,
     words: Sequence[str] = (),
     laps: bool = False,
+    others: Sequence[str] = (),
 ) -> str:
     """Return the page.
 
@@ -116,6 +124,7 @@ def render_live_page(
         host: Origin of the WebSocket, for the content security policy.
         words: Said below the title, after the rider if there is one.
         laps: Whether the view's ghost begins again with each lap.
+        others: Columns of the states of the other machines that come with each state, in order.
     """
     title = view.title
     scales = {"roll": 180.0 / np.pi, "steer": 180.0 / np.pi, "throttle": 100.0, "brake": 100.0}
@@ -123,6 +132,7 @@ def render_live_page(
         scales |= {"speed": 3.6, "rear_slip": 100.0, "front_slip": 100.0, "rear_load": 1e-3, "front_load": 1e-3}
     steers = rider is not None
     spec = {"names": list(names), "scales": scales, "powered": powered, "watched": not steers, "ghostLaps": laps}
+    spec |= {"others": list(others)}
     parts = [_controls(rider, powered), view_html(view, _pads(powered) if steers else ())]
     facts = [f"rider of the computer: {rider}", "recorded as it is ridden"] if rider is not None else []
     below = html_text(" · ".join([*facts, *words, f"page by {program_version()}"]), MAX_SENTENCE)

@@ -25,7 +25,7 @@ _TABLE: Final[Mapping[str, Any]] = yaml.load(
 )
 BICYCLE, SUPERBIKE, NODES, ALL, ATTACHED, REFINEMENT, RESUMED, CLASSICAL = _TABLE["subjects"][:8]
 RECORDING, REPLAY, EXPLANATION, RUNS, SWEEP, CIRCUIT, TEMPLATE, PARAMETERS = _TABLE["subjects"][8:16]
-RUN, REFINED, LEARNING, WORK, DATA, POLICY, TOPIC, BEST_LAP, BENCHMARK, VERIFICATION = _TABLE["subjects"][16:]
+RUN, REFINED, LEARNING, WORK, DATA, POLICY, TOPIC, BEST_LAP, BENCHMARK, VERIFICATION, RACE = _TABLE["subjects"][16:]
 """Subjects of commands, as options name them; `WORK` is that of commands with one alone."""
 
 DEFAULT_RIDER: Final = "default"
@@ -217,6 +217,12 @@ def _ride_subject(args: Namespace) -> str:
     return NODES if args.nodes else kind
 
 
+def _live_subject(args: Namespace) -> str:
+    if args.race:
+        return RACE
+    return ATTACHED if args.attach else _choose_vehicle(args, args.rider, laps=False)
+
+
 def _race_subject(args: Namespace) -> str:
     args.machines = args.machines or None  # argparse has no None for none of several
     return REPLAY if args.replay else WORK
@@ -303,7 +309,7 @@ def _analyze_subject(args: Namespace) -> str:
 
 _SUBJECTS: Final[Mapping[str, Callable[[Namespace], str]]] = {
     "ride": _ride_subject,
-    "live": lambda args: ATTACHED if args.attach else _choose_vehicle(args, args.rider, laps=False),
+    "live": _live_subject,
     "race": _race_subject,
     "train": _train_subject,
     "export": _export_subject,

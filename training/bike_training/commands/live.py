@@ -13,15 +13,19 @@ from typing import TYPE_CHECKING, Any, Final
 from bike_analysis import compare
 from bike_analysis.page.document import settings_words
 from bike_analysis.page.live_page import ghost_of, live_view, render_live_page
+from bike_analysis.page.race_page import PAGE_NAME
 from bike_analysis.report import analyze
 from bike_policy.riders.rider import make_rider
+from bike_policy.riders.wheel_to_wheel import CLASSICAL
 from bike_sim.course.files import kind_of, load_course, shipped_tracks
 from bike_sim.sim.config import SimulatorConfig, superbike_config
+from bike_sim.sim.race import RaceSettings, check_names, entries_of, race_config
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole, recording_folder
 from bike_training.commands.declarations import LARGEST_DOMAIN
+from bike_training.progress import told_parts
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -107,6 +111,48 @@ def _live(args: argparse.Namespace, recording: Path) -> dict[str, Any]:
 
     wall = _serve(args, ride, tally, serve)
     return {"states": tally.states, "wall_s": round(wall, 1), "rider": rider.name, "course": course}
+
+
+def race(args: argparse.Namespace) -> dict[str, Any]:
+    """Serve a race in which the last machine is ridden at the page until it is ended, then write the race's page.
+
+    Raises:
+        ValueError: what is no race, or a rider that cannot race.
+        FileNotFoundError: an unknown vehicle, rider or circuit.
+        OSError: the port is taken.
+    """
+    check_whole("--laps", args.laps, 1)
+    settings = RaceSettings(args.course, args.laps, entries_of(args.race, CLASSICAL))
+    check_names([entry.name for entry in settings.entries])
+    _check_page(args)
+    from bike_training.commands.race import page_of
+    from bike_training.nodes.live_race import LiveRace
+    from bike_training.nodes.live_ride import STATE_NAMES, LiveSettings, state_names
+    from bike_training.nodes.live_server import LiveServer
+
+    own = settings.entries[-1]
+    machine, config, rider = load_vehicle(own.vehicle), race_config(settings), make_rider(own.rider)
+    powered, names = isinstance(machine, Superbike), [entry.name for entry in settings.entries[:-1]]
+    with recording_folder(args.out, "race", args.overwrite) as out:
+        recording, tally = out / "race.mcap", _Tally()
+        request = LiveSettings(config, ResetRequest(course=args.course), rider, recording)
+        ride = LiveRace(settings, request, told_parts("bike live", args.json), tally.report)
+
+        def serve() -> LiveServer:
+            assert ride.course is not None
+            view = live_view(ride.course, f"{own.name}, {machine.name}", powered, others=names)
+            words = [f"{args.laps} laps against {', '.join(names)}", *settings_words(*ride.settings)]
+            page = partial(
+                render_live_page, view, rider.name, state_names(powered), powered, words=words, others=STATE_NAMES
+            )
+            return LiveServer(page, ride.ask, ride.status, args.port)
+
+        wall = _serve(args, ride, tally, serve)
+        figures = {"states": tally.states, "wall_s": round(wall, 1), "recording": str(recording)}
+        figures |= {"page": str(page_of(recording, ride.client.race, out / PAGE_NAME))}
+    if not args.json:
+        print(f"recording: {recording}\nreport: {figures['page']}")
+    return {"schema": "bike.live/1", "ok": True, "figures": figures}
 
 
 def watch(args: argparse.Namespace) -> dict[str, Any]:

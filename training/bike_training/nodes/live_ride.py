@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, Protocol
 
 from bike_analysis.read.messages import Simulation
 from bike_policy.riders.rider import Rider
@@ -20,9 +20,10 @@ from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.events import EventKind
-from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.sim.superbike_plant import SuperbikePlant
+from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.envs.node_process import NodeProcess
 from bike_training.envs.ros_client import RosClient
@@ -205,6 +206,18 @@ class LiveSettings:
     recording: Path | None = None
 
 
+class RideClient(Protocol):
+    """The simulator of the machine that is ridden, as `RosClient`."""
+
+    vehicle: Vehicle
+    preview: Preview
+
+    @property
+    def course(self) -> Course | None: ...  # noqa: D102
+    def reset(self, request: ResetRequest) -> Snapshot: ...  # noqa: D102
+    def step(self, steering: float, throttle: float = 0.0) -> Snapshot: ...  # noqa: D102
+
+
 class LiveRide(LiveThread):
     """Rides until `end`."""
 
@@ -252,7 +265,7 @@ class LiveRide(LiveThread):
             monitor.wait_for_recorder(START_TIMEOUT, [recorder], ("state", "episode", "course"))
         return recorder
 
-    def _begin(self, client: RosClient) -> None:
+    def _begin(self, client: RideClient) -> None:
         self._snapshot = client.reset(self._settings.request)
         self.course = client.course
         assert self.course is not None
@@ -262,11 +275,11 @@ class LiveRide(LiveThread):
         self._report({"reset": True})
         self._show()
 
-    def _prepare(self, client: RosClient, rider: Rider) -> None:
+    def _prepare(self, client: RideClient, rider: Rider) -> None:
         assert self.course is not None
         rider.begin(client.vehicle, self.course, self._settings.config.control_period, client.preview)
 
-    def _ride(self, client: RosClient) -> None:
+    def _ride(self, client: RideClient) -> None:
         due = time.monotonic()
         while not self._ended.is_set():
             hands = self._by_hand
@@ -332,11 +345,16 @@ class LiveRide(LiveThread):
             return self._hands.command(self._snapshot) or (0.0, 0.0)
         return self._settings.rider.command(self._snapshot) or (0.0, 0.0)
 
+    def _more(self) -> dict[str, Any]:
+        """Return what is sent with a state besides."""
+        return {}
+
     def _show(self) -> None:
         snapshot = self._snapshot
         now = time.monotonic()
         if now - self._told_at >= FRAME or snapshot.events or not snapshot.step:
             self._told_at = now
-            self._report({"state": state_values(snapshot, self._places), "sent": round(1e3 * time.time(), 2)})
+            told = {"state": state_values(snapshot, self._places), "sent": round(1e3 * time.time(), 2)}
+            self._report(told | self._more())
         for event in snapshot.events:
             self._report(event_message(event.kind, event.text, event.value))
