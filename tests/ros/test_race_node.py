@@ -62,7 +62,7 @@ def test_race_of_nodes_is_that_of_the_process_and_outlives_one_of_them(ros: Any,
         for row, name in enumerate(MACHINES):
             assert through_ros[name][step] == states[step][row], (name, step)
         np.testing.assert_array_equal(others[step], seen_here[step])
-    assert others[STEPS - 1][0, 0] == 1.0
+    assert others[0][0, 0] == 1.0
     assert any(state.throttle_command != 0.0 for state in heard["two"])
     rider.end(signal.SIGKILL)
     witness.until(lambda: "commands of two have stopped: it rolls out" in node.words)

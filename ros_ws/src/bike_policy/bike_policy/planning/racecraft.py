@@ -185,11 +185,11 @@ def _decide(
     held = min(max(wish, low), high)
     room = _room(plans, row, s, speed, held)
     held = min(max(held, -room), room)
-    if held != wish or abs(memory[_OFFSET]) > _room(plans, row, s, speed, memory[_OFFSET]):
+    offset = memory[_OFFSET]
+    if offset < low or offset > high or abs(offset) > _room(plans, row, s, speed, offset):
         rate = ESCAPE_RATE
     step = rate * period
-    memory[_OFFSET] += min(max(held - memory[_OFFSET], -step), step)
-    offset = memory[_OFFSET]
+    offset = memory[_OFFSET] = offset + min(max(held - offset, -step), step)
     for look in range(LOOKS):  # inside the line the corner is tighter
         bend = plan_at(plans, row, P_CURVATURE, s + 0.6 * AHEAD * look / (LOOKS - 1) * speed)
         if bend * offset > 0.0:
