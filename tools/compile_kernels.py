@@ -17,14 +17,17 @@ import matplotlib.font_manager  # noqa: F401 (lists the fonts, which it does onc
 import numpy as np
 
 from bike_analysis.read.container import Container
+from bike_policy.riders.disturbed import DisturbedRider
 from bike_policy.riders.rider import make_rider
 from bike_sim.planning.envelope import envelope
 from bike_sim.recording.mcap_file import McapFile
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig, superbike_config
+from bike_sim.sim.disturbances import load_disturbances
 from bike_sim.sim.request import COURSE_POINTS, Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_superbike
+from bike_sim.vehicles.superbike import Superbike
 
 CIRCUIT = "barcelona"
 """The circuit of ``make lap``, whose line is computed and kept on the way."""
@@ -34,6 +37,8 @@ MACHINE = "panigale_v4r"
 def ride(config: SimulatorConfig, course: str, rider_name: str) -> None:
     """Ride for two steps."""
     simulator, rider = Simulator(config), make_rider(rider_name)
+    if not isinstance(simulator.vehicle, Superbike):
+        rider = DisturbedRider(rider, load_disturbances("raw_sensors"))
     request = ResetRequest(course=course)
     snapshot = simulator.reset(simulator.at_own_speed(request) if course == CIRCUIT else request)
     assert simulator.course is not None

@@ -53,7 +53,7 @@ SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
     ),
     "bicycle_riders": (
         *(*_CONTRACT, f"{_POLICY}/policies/whipple", f"{_ROLLOUT}/rollout.py", f"{_ROLLOUT}/evaluation.py"),
-        *(f"{_POLICY}/riders/{name}.py" for name in ("lqr", "mpc", "observer", "stanley")),
+        *(f"{_POLICY}/riders/{name}.py" for name in ("estimator", "lqr", "mpc", "observer", "stanley")),
     ),
     "superbike": (*_SUPERBIKE, f":(glob){_SIM}/config/vehicles/*.yaml", f"{_SIM}/sim"),
     "suspended": (*_SUPERBIKE, f"{_SIM}/config/vehicles"),
@@ -68,7 +68,7 @@ SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
     "learning": tuple(f"training/bike_training/{name}" for name in ("tasks", "curricula", "learning", "presets")),
     "exporting": (_CONTRACT[0], f"{_POLICY}/policies", "training/bike_training/exporting"),
     "benchmark": ("training/bike_training/benchmark",),
-    "ros": (f"{_SIM}/ros", f"{_POLICY}/drive.py"),
+    "ros": (f"{_SIM}/ros", *(f"{_POLICY}/{name}.py" for name in ("drive", "estimate"))),
     "racecraft": (f"{_POLICY}/planning/racecraft.py", f"{_POLICY}/riders/wheel_to_wheel.py"),
 }
 """Paths of each source, as git takes them."""
@@ -348,10 +348,11 @@ def _written(action: Action) -> str:
 
 def parameters(node: str) -> str:
     """Return the parameters of a node."""
-    from bike_policy import drive, joy
+    from bike_policy import drive, estimate, joy
     from bike_sim.ros import race_node, record, sim_node
 
     nodes = {"sim_node": sim_node, "race_node": race_node, "drive": drive, "joystick": joy, "record": record}
+    nodes["estimate"] = estimate
     specs: Any = nodes[node].SPECS
     text = ""
     for spec in specs:

@@ -47,8 +47,11 @@ def arguments_of(namespace: str, parameters: dict[str, Any]) -> list[str]:
 class Program:
     """A node in a process of its own."""
 
-    def __init__(self, module: str, domain: int, words: Path, namespace: str = "bike", **parameters: Any) -> None:
+    def __init__(
+        self, module: str, domain: int, words: Path, namespace: str = "bike", remap: str = "", **parameters: Any
+    ) -> None:
         command = [sys.executable, "-m", module, *arguments_of(namespace, parameters)]
+        command += ["-r", remap] if remap else []
         environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
         for variable in (DISCOVERY_VARIABLE, PROFILES_VARIABLE):
             environment.pop(variable, None)  # the defaults are what is tested

@@ -134,6 +134,7 @@ def test_riding_and_analysis_import_no_learning_package() -> None:
         "bike_sim.ros.sim_node",
         "bike_sim.ros.record",
         "bike_policy.drive",
+        "bike_policy.estimate",
     ]
     program = f"PACKAGES = {set(REFUSED)}\n{RIDING}\nfor name in {modules}: importlib.import_module(name)"
     ended = run_python(program)

@@ -18,5 +18,7 @@ setup(
     maintainer_email="noreply@two-wheeler-lab.invalid",
     description="Observation, action, policy bundles, and the node that drives with them.",
     license="Apache-2.0",
-    entry_points={"console_scripts": ["drive = bike_policy.drive:main", "joy = bike_policy.joy:main"]},
+    entry_points={
+        "console_scripts": [f"{name} = bike_policy.{name}:main" for name in ("drive", "estimate", "joy")],
+    },
 )

@@ -8,6 +8,7 @@ observer has found of delays and sensors, which a new one finds again.
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter, deque
 from collections.abc import Sequence
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 from bike_policy.riders.rider import DEFAULT, Rider, bundle_of, check_race, grip_of, infers_grip, make_rider
 from bike_sim.course.course import Course
 from bike_sim.ros import node_tools
-from bike_sim.ros.command_gate import Command
+from bike_sim.ros.command_gate import ANY_EPISODE, Command
 from bike_sim.ros.messages import (
     StateMessage,
     course_from_message,
@@ -57,6 +58,19 @@ SPECS: Final = (
         fixed=True,
     ),
     ParameterSpec("stale_after_s", 1.0, "Wall-clock time without a state after which a warning is given, s."),
+    ParameterSpec(
+        "rate_hz",
+        0.0,
+        "0: each state is answered as it comes. Else answers go at this rate, that of the control period, and the last "
+        "one again where no new state has come.",
+        fixed=True,
+    ),
+    ParameterSpec(
+        "watchdog_s",
+        0.25,
+        "With rate_hz: wall-clock time without a new state after which steering and throttle are set to 0, s.",
+        fixed=True,
+    ),
 )
 
 REANSWER_AFTER: Final = 0.2
@@ -72,9 +86,10 @@ REPORT_PERIOD: Final = 1.0
 LATENCY_WINDOW: Final = 100_000
 """Latencies kept for the figures since the start."""
 
-COUNTED: Final = ("answered", "repeated", "stale", "refused", "over")
+COUNTED: Final = ("answered", "repeated", "stale", "refused", "over", "late")
 """Kinds of states: answered with a command; that came again; older than one that had come before; unreadable or not
-finite, so that no action exists; of a vehicle that has fallen."""
+finite, so that no action exists; of a vehicle that has fallen; that had not come when an answer at a fixed rate was
+due."""
 
 
 class Drive(rclpy.node.Node):
@@ -112,7 +127,19 @@ class Drive(rclpy.node.Node):
         opponents = self.create_subscription(
             Opponents, "opponents", self._on_opponents, node_tools.STREAM_QOS, raw=True
         )
-        states = self.create_subscription(BikeState, "state", self._on_state, node_tools.STREAM_QOS, raw=True)
+        self._rate: float = values.get("rate_hz", 0.0)
+        self._watchdog: float = values.get("watchdog_s", 0.0)
+        self._newest: bytes | None = None
+        self._sent: Command | None = None
+        self._new_at = self._started_at
+        for name, value in (("rate_hz", self._rate), ("watchdog_s", self._watchdog)):
+            if not 0.0 <= value < math.inf:
+                raise ValueError(f"parameter {name} must be finite and not negative, got {value!r}")
+        taken = self._on_state
+        if self._rate > 0.0:
+            taken = self._keep
+            node_tools.wall_timer(self, 1.0 / self._rate, self._tick)
+        states = self.create_subscription(BikeState, "state", taken, node_tools.STREAM_QOS, raw=True)
         self.streams = (opponents, states)
         node_tools.on_change(self, specs, self._accept)
         node_tools.wall_timer(self, REPORT_PERIOD, self._report)
@@ -142,6 +169,27 @@ class Drive(rclpy.node.Node):
         self._stale_after: float = values["stale_after_s"]
 
     # ---------------------------------------------------------------------------------------------------------- states
+
+    def _keep(self, data: bytes) -> None:
+        """Keep the newest state until the next answer is due."""
+        self._newest = data
+
+    def _tick(self) -> None:
+        """Answer at a fixed rate: the newest state, or without one what was answered last, for a short time."""
+        data, self._newest = self._newest, None
+        answered = self._counts["answered"]
+        if data is not None:
+            self._on_state(data)
+        if self._counts["answered"] > answered:
+            self._new_at = time.monotonic()
+            return
+        if self._sent is None or (self._last is not None and self._last.snapshot.fallen):
+            return
+        self._counts["late"] += 1
+        command = self._sent
+        if time.monotonic() - self._new_at > self._watchdog:
+            command = Command(ANY_EPISODE, 0, 0.0, 0.0)
+        self._commands.publish(encode_command(command, 0 if self._last is None else self._last.stamp))
 
     def _on_state(self, data: bytes) -> None:
         began = time.monotonic()
@@ -184,7 +232,8 @@ class Drive(rclpy.node.Node):
         if answer is None:
             self._counts["refused"] += 1
             return
-        self._commands.publish(encode_command(Command(snapshot.episode, snapshot.step, *answer), message.stamp))
+        self._sent = Command(snapshot.episode, snapshot.step, *answer)
+        self._commands.publish(encode_command(self._sent, message.stamp))
         if self._grips is not None and (grip := grip_of(self._rider)) is not None:
             self._grips.publish(grip_to_message(grip, snapshot, message.stamp))
         self._answered_at = time.monotonic()
@@ -236,6 +285,11 @@ class Drive(rclpy.node.Node):
             return False
         episode = message.episode
         try:
+            if self._rate > 0.0 and abs(self._rate * episode.control_period - 1.0) > 1e-6:
+                raise ValueError(
+                    f"rate_hz of {self._rate!r} is not that of its control period of {episode.control_period!r} s, "
+                    f"{1.0 / episode.control_period:g}"
+                )
             vehicle = self._vehicle(episode.vehicle)
             self._races = self.count_publishers("opponents") > 0
             if self._races:
@@ -285,6 +339,10 @@ class Drive(rclpy.node.Node):
             level, text = self._diagnostics.WARN, f"no state for {silence:.1f} s, waiting for the simulator"
         elif self._last.snapshot.fallen:
             text = "the vehicle has fallen, waiting for a reset"
+        elif new["late"]:
+            level, text = self._diagnostics.WARN, f"{new['late']} states came late in the last second"
+            if time.monotonic() - self._new_at > self._watchdog:
+                text += f", the watchdog steers straight: no new one for {time.monotonic() - self._new_at:.2f} s"
         if level == self._diagnostics.WARN:
             self.get_logger().warning(text)
         figures: dict[str, object] = {f"states_{name}": value for name, value in self._counts.items()}

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.observation import rows_of
+from bike_policy.riders.estimator import Estimator
 from bike_policy.riders.instruments import SENSORS, CommandQueue, Instruments
 from bike_policy.riders.rider import Rider
 from bike_sim.course.course import Course
@@ -20,6 +21,7 @@ from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
 from bike_sim.sim.disturbances import CHANNELS, Disturbances
 from bike_sim.sim.request import Preview
+from bike_sim.sim.sensors import BicycleSensors
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
@@ -58,6 +60,10 @@ class DisturbedRider:
         self.rider.begin(vehicle, course, period, preview)
         self._seen: deque[Snapshot] = deque()
         self._draws: np.random.Generator | None = None
+        self._sensors: BicycleSensors | None = None
+        if known.raw_sensors is not None:
+            self._sensors = BicycleSensors(vehicle, known, period)
+            self._estimator = Estimator(vehicle, course, period, preview, known.raw_sensors)
         self._answered: tuple[int, tuple[float, float] | None] | None = None
 
     def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
@@ -81,10 +87,21 @@ class DisturbedRider:
         """Return the answer to what the rider of a bicycle sees now, after control periods that were missed."""
         for _ in range(missed):
             self._queue.hold()
-        self._seen.append(measured(snapshot, self._errors(snapshot)))
+        seen = self._estimated(snapshot) if self._sensors is not None else measured(snapshot, self._errors(snapshot))
+        if seen is None:
+            return None
+        self._seen.append(seen)
         while len(self._seen) > 1 and self._seen[1].step <= snapshot.step - self._seen_late:
             self._seen.popleft()
         return self.rider.command(self._seen[0])
+
+    def _estimated(self, snapshot: Snapshot) -> Snapshot | None:
+        """Return what is made of the sensors' measurements; None where they are not finite."""
+        assert self._sensors is not None, "asked for"
+        if self._answered is None:
+            self._sensors.begin(snapshot)
+        state = self._estimator.measure(self._sensors.measure(snapshot))
+        return None if state is None else self._estimator.snapshot(state, snapshot.episode, snapshot.step)
 
     def _shown_by(self, instruments: Instruments, snapshot: Snapshot, missed: int) -> tuple[float, float] | None:
         """Return the answer to what a superbike's instruments show now, after control periods that were missed."""

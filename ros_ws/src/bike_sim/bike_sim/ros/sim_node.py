@@ -31,13 +31,16 @@ from bike_sim.ros.command_gate import Command, CommandGate, Outcome
 from bike_sim.ros.messages import decode_command
 from bike_sim.ros.node_tools import NANOSECONDS, ParameterSpec, time_to_message
 from bike_sim.ros.ride_topics import RideTopics
+from bike_sim.ros.sensor_topics import SensorTopics
 from bike_sim.ros.topics import publisher
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances, load_disturbances
 from bike_sim.sim.request import Preview, ResetRequest
+from bike_sim.sim.sensors import DATUM
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import DIVERGED, Snapshot
 from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.superbike import Superbike
 
 FIRST_STAMP: Final = NANOSECONDS
 """Simulated time of the first state, ns: nodes take a clock of 0 for one that has not begun."""
@@ -124,6 +127,8 @@ SPECS: Final = (
     ParameterSpec(
         "frame_prefix", "", "Before the frames, map excepted; none: that of the namespace, none for /bike.", fixed=True
     ),
+    ParameterSpec("latitude", DATUM[0], "Of the map's origin, for fix, deg.", fixed=True),
+    ParameterSpec("longitude", DATUM[1], "Of the map's origin, for fix, deg.", fixed=True),
     ParameterSpec("publish_clock", True, "Publish /clock; false for all simulators of a domain but one.", fixed=True),
 )
 
@@ -236,6 +241,10 @@ class SimNode(rclpy.node.Node):
         prefix = values["frame_prefix"] or ("" if name in ("", node_tools.NAMESPACE) else f"{name}/")
         disturbances = self._settings.disturbances
         self._topics = RideTopics(self, self._simulator.plant, self._period, prefix=prefix, disturbances=disturbances)
+        vehicle, datum = self._simulator.vehicle, (values["latitude"], values["longitude"])
+        self._sensors = None
+        if not isinstance(vehicle, Superbike):
+            self._sensors = SensorTopics(self, vehicle, disturbances or Disturbances(), self._period, datum, prefix)
         self._clock_topic = publisher(self, "/clock") if values["publish_clock"] else None
         self._diagnostics = node_tools.Diagnostics(self)
 
@@ -245,6 +254,8 @@ class SimNode(rclpy.node.Node):
         self._stamp = self._begin_stamp + snapshot.step * self._period
         self._topics.take(snapshot, self._stamp)
         # The state first: the partner computes its answer while the rest is made.
+        if self._sensors is not None:
+            self._sensors.take(snapshot, self._stamp)
         self._publish_state()
         self._topics.publish_extras()
 
@@ -252,6 +263,8 @@ class SimNode(rclpy.node.Node):
         if self._clock_topic is not None and self._clock_topic.get_subscription_count():
             self._clock_topic.publish(Clock(clock=time_to_message(self._stamp)))
         self._topics.publish_state()
+        if self._sensors is not None:
+            self._sensors.publish()
 
     # ------------------------------------------------------------------------------------------------------ episodes
 
@@ -279,6 +292,8 @@ class SimNode(rclpy.node.Node):
         self._held_since = 0
         self._waiting = None
         self._topics.begin(snapshot, request, config, course, self._simulator.preview, self._begin_stamp)
+        if self._sensors is not None:
+            self._sensors.begin(snapshot, self._begin_stamp)
         self._show(snapshot)
         return snapshot
 

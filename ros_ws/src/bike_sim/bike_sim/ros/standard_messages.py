@@ -9,7 +9,7 @@ import numpy as np
 from geometry_msgs.msg import Point, Quaternion, TransformStamped, Vector3
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState, NavSatFix, NavSatStatus
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -21,6 +21,8 @@ from bike_sim.ros.messages import FOOTPRINT_FRAME, MAP_FRAME
 from bike_sim.ros.node_tools import time_to_message
 from bike_sim.schema import SIGNALS
 from bike_sim.sim import look as lk
+from bike_sim.sim.disturbances import RawSensors
+from bike_sim.sim.sensors import Measurement, to_geodetic
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
@@ -29,6 +31,8 @@ FloatArray = NDArray[np.float64]
 
 ODOM_FRAME: Final = "odom"
 BASE_FRAME: Final = "base_link"
+REAR_FRAME: Final = "rear_frame"
+"""Link of `robot_description` that carries the inertial unit; the estimator knows where."""
 
 _X, _Y, _Z = np.eye(3)
 
@@ -124,6 +128,47 @@ def joint_state(snapshot: Snapshot, vehicle: Vehicle, stamp: int) -> JointState:
     message.position = [*state[[st.STEER, st.REAR_WHEEL, st.FRONT_WHEEL]].tolist(), motion.pitch]
     steer_rate, front_rate = state[[st.STEER_RATE, st.FRONT_WHEEL_RATE]].tolist()
     message.velocity = [steer_rate, motion.rear_wheel_rate, front_rate, motion.pitch_rate]
+    return message
+
+
+ENCODERS: Final = ("steer", "front_wheel")
+"""Joints of the encoders; of the wheel only the rate is measured."""
+
+
+def imu(measured: Measurement, sensors: RawSensors, stamp: int) -> Imu:
+    """Return angular velocity and specific force of the rear frame in its own axes; it measures no orientation."""
+    message = Imu()
+    message.header.stamp = time_to_message(stamp)
+    message.header.frame_id = REAR_FRAME
+    message.orientation_covariance[0] = -1.0
+    message.angular_velocity = _vector(*measured.gyro)
+    message.linear_acceleration = _vector(*measured.force)
+    message.angular_velocity_covariance = (sensors.gyro**2 * np.eye(3)).ravel()
+    message.linear_acceleration_covariance = (sensors.accelerometer**2 * np.eye(3)).ravel()
+    return message
+
+
+def encoders(measured: Measurement, stamp: int) -> JointState:
+    """Return what the encoders of steering and front wheel measure."""
+    message = JointState()
+    message.header.stamp = time_to_message(stamp)
+    message.name = list(ENCODERS)
+    message.position = [measured.steer, math.nan]
+    message.velocity = [measured.steer_rate, measured.wheel_rate]
+    return message
+
+
+def nav_sat_fix(measured: Measurement, sensors: RawSensors, stamp: int, datum: tuple[float, float]) -> NavSatFix:
+    """Return the position that has arrived, with the stamp (ns) of its measurement."""
+    fix = measured.fix
+    assert fix is not None, "asked for"
+    message = NavSatFix()
+    message.header.stamp = time_to_message(stamp)
+    message.header.frame_id = "antenna"
+    message.status.status, message.status.service = NavSatStatus.STATUS_GBAS_FIX, NavSatStatus.SERVICE_GPS
+    message.latitude, message.longitude = to_geodetic(fix.x, fix.y, datum)
+    message.position_covariance = (sensors.position**2 * np.diag([1.0, 1.0, 4.0])).ravel()
+    message.position_covariance_type = NavSatFix.COVARIANCE_TYPE_DIAGONAL_KNOWN
     return message
 
 

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState, NavSatFix
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -34,6 +34,7 @@ class Topic(NamedTuple):
 TOPICS: Final = {
     "state": Topic(ours.BikeState),
     tools.SCREEN_STATE: Topic(ours.BikeState, tools.SCREEN_QOS),
+    "estimated_state": Topic(ours.BikeState),
     "command": Topic(ours.BikeCommand),
     "episode": Topic(ours.EpisodeStart, tools.LATCHED_QOS),
     "course": Topic(ours.Course, tools.LATCHED_QOS),
@@ -47,6 +48,9 @@ TOPICS: Final = {
     "odom": Topic(Odometry),
     "transform": Topic(TransformStamped),
     "joint_states": Topic(JointState),
+    "imu": Topic(Imu),
+    "encoders": Topic(JointState),
+    "fix": Topic(NavSatFix),
     "robot_description": Topic(String, tools.LATCHED_QOS),
     "markers": Topic(MarkerArray),
     "course_marker": Topic(Marker, tools.LATCHED_QOS),

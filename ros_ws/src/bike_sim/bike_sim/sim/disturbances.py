@@ -75,6 +75,32 @@ class Impulses:
 
 
 @dataclass(frozen=True)
+class RawSensors:
+    """Sensors of a real bicycle: inertial unit and antenna on the rear frame, encoders of steering and front wheel.
+
+    A bias is the same on all axes. The position comes `position_hz` times in a second, `position_delay_s` late; the
+    others come in each control period at once.
+    """
+
+    gyro: float = field(default=0.0, metadata=number("rad/s", "standard deviation of the angular velocity"))
+    gyro_bias: float = field(default=0.0, metadata=signed("rad/s", "its constant error"))
+    accelerometer: float = field(default=0.0, metadata=number("m/s^2", "standard deviation of the specific force"))
+    accelerometer_bias: float = field(default=0.0, metadata=signed("m/s^2", "its constant error"))
+    steer: float = field(default=0.0, metadata=number("rad", "standard deviation of the steering encoder"))
+    steer_bias: float = field(default=0.0, metadata=signed("rad", "its constant error"))
+    steer_rate: float = field(default=0.0, metadata=number("rad/s", "standard deviation of its rate"))
+    wheel_speed: float = field(default=0.0, metadata=number("m/s", "standard deviation of the front wheel's speed"))
+    wheel_scale: float = field(default=1.0, metadata=positive("1", "measured over true speed"))
+    position: float = field(default=0.0, metadata=number("m", "standard deviation of each coordinate"))
+    position_hz: float = field(default=10.0, metadata=positive("1/s", "whole control periods apart"))
+    position_delay_s: float = field(default=0.0, metadata=number("s", "whole control periods"))
+    unit_ahead_m: float = field(default=0.3, metadata=signed("m", "of the inertial unit ahead of the rear contact"))
+    unit_height_m: float = field(default=0.6, metadata=number("m", "of it above the ground"))
+    antenna_ahead_m: float = field(default=0.3, metadata=signed("m", "of the antenna ahead of the rear contact"))
+    antenna_height_m: float = field(default=1.0, metadata=number("m", "of it above the ground"))
+
+
+@dataclass(frozen=True)
 class RoadChanges:
     """Differences of a circuit's road from the one that riders and their plans know.
 
@@ -152,6 +178,7 @@ class Disturbances:
         command_rate: largest change of steering and throttle, 1/s.
         position_hz: fixes of a superbike's position in a second; between them lateral and heading error, progress and
             all that is shown of the course are those of the last one.
+        raw_sensors: of a bicycle, in place of `noise` and `bias` of the state that is made of them; None for none.
         tyres_hidden: whether slips, loads, cambers and forces of a superbike's tyres and the velocity
             of its body (`TYRE_SIGNALS`) are hidden from its rider, who estimates them from what is measured.
         drive_torque_nm: largest torque of the steering drive, Nm.
@@ -170,6 +197,7 @@ class Disturbances:
     command_delay_s: float = field(default=0.0, metadata=number("s", "whole control periods"))
     command_rate: float = field(default=math.inf, metadata=positive("1/s", "largest"))
     position_hz: float = field(default=math.inf, metadata=positive("1/s", "whole control periods apart"))
+    raw_sensors: RawSensors | None = None
     tyres_hidden: bool = False
     drive_torque_nm: float = field(default=math.inf, metadata=positive("Nm", "largest"))
     vehicle: Mapping[str, float] = field(default_factory=dict)
@@ -182,7 +210,14 @@ class Disturbances:
             ValueError: naming the value and what it should be.
         """
         checked: list[tuple[str, float, Any]] = []
-        for record, of in ((self, ""), (self.wind, "wind "), (self.impulses, "impulses ")):
+        for record, of in (
+            (self, ""),
+            (self.wind, "wind "),
+            (self.impulses, "impulses "),
+            (self.raw_sensors, "raw_sensors "),
+        ):
+            if record is None:
+                continue
             known = [(spec.name, spec.metadata) for spec in fields(record) if spec.metadata]
             checked += [(f"{of}{name}", getattr(record, name), bounds) for name, bounds in known]
         for what, values, bounds in (("noise", self.noise, number("", "")), ("bias", self.bias, signed("", ""))):
@@ -197,6 +232,8 @@ class Disturbances:
             if not bounds["strict"] and not (math.isfinite(value) and value >= bounds["low"]):
                 words = "finite" if bounds["low"] < 0.0 else "finite and not negative"
                 raise ValueError(f"disturbances: {name} must be {words}, got {value!r}")
+        if self.raw_sensors is not None and (self.noise or self.bias):
+            raise ValueError("disturbances: noise and bias are of a state, and with raw_sensors the state is estimated")
         if self.impulses.lasting_s > self.impulses.every_s:
             raise ValueError("disturbances: impulses that last longer than the time between them cannot be told apart")
 
@@ -213,7 +250,8 @@ class Disturbances:
     @property
     def acts_on_sensors(self) -> bool:
         """Whether what the rider sees has errors."""
-        return bool(self.noise or self.bias or self.tyres_hidden) or math.isfinite(self.position_hz)
+        errs = self.noise or self.bias or self.tyres_hidden or self.raw_sensors is not None
+        return bool(errs) or math.isfinite(self.position_hz)
 
     @property
     def acts_between(self) -> bool:
@@ -236,6 +274,10 @@ class Disturbances:
         own += ["tyres_hidden"] if self.tyres_hidden else []
         if own and not isinstance(vehicle, Superbike):
             raise ValueError(f"disturbances {self.name!r} have {own[0]}, which are a superbike's, not {vehicle.name!r}")
+        if self.raw_sensors is not None and isinstance(vehicle, Superbike):
+            raise ValueError(
+                f"disturbances {self.name!r} have raw_sensors, which are a bicycle's, not {vehicle.name!r}"
+            )
 
     def fix_periods(self, period: float) -> int:
         """Return the control periods from one fix of the position to the next.
@@ -243,10 +285,11 @@ class Disturbances:
         Raises:
             ValueError: not a whole number of them.
         """
-        between = 1.0 / (self.position_hz * period) if math.isfinite(self.position_hz) else 1.0
+        rate = self.position_hz if self.raw_sensors is None else self.raw_sensors.position_hz
+        between = 1.0 / (rate * period) if math.isfinite(rate) else 1.0
         if round(between) < 1 or abs(between - round(between)) > 1e-6:
             raise ValueError(
-                f"disturbances {self.name!r}: position_hz of {self.position_hz!r} is not once in a whole number of "
+                f"disturbances {self.name!r}: position_hz of {rate!r} is not once in a whole number of "
                 f"control periods of {period!r} s"
             )
         return round(between)
@@ -278,7 +321,9 @@ class Disturbances:
 
     def to_text(self) -> str:
         """Return a document of it for recordings; it is read again as exactly the same."""
-        values = {name: value for name, value in asdict(self).items() if value != math.inf}
+        values = {name: value for name, value in asdict(self).items() if value not in (math.inf, None)}
+        if self.raw_sensors is not None:
+            values["raw_sensors"] = {name: value for name, value in values["raw_sensors"].items() if value != math.inf}
         return json.dumps({"format": FORMAT, **values})
 
     def generator(self, state: NDArray[np.float64], branch: int) -> np.random.Generator:
@@ -341,8 +386,8 @@ def read_disturbances(text: str, name: str) -> Disturbances:
     if "description" in document:
         check_text(document["description"], "description of the disturbances")
     values.setdefault("name", name)
-    for key, kind in (("wind", Wind), ("impulses", Impulses)):
-        if key in values:
+    for key, kind in (("wind", Wind), ("impulses", Impulses), ("raw_sensors", RawSensors)):
+        if values.get(key) is not None:
             values[key] = kind(**_numbers(values[key], f"disturbances: {key}", [spec.name for spec in fields(kind)]))
     if "road" in values:
         values["road"] = _road(values["road"])
