@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -357,6 +357,15 @@ def ride_with(
         ValueError: the ride cannot be ridden again to its end.
         FileNotFoundError: its vehicle or course is not here.
     """
+    for snapshot, _ in replayed(recorded, rider):
+        if report is not None:
+            report(snapshot.step, int(recorded.ride.states.step[-1]))
+
+
+def replayed(
+    recorded: RideSource, rider: Callable[[RecordedCommands], Rider] = lambda commands: commands
+) -> Iterator[tuple[Snapshot, Preview]]:
+    """Ride a recorded ride again and yield its snapshots, each with the form of its preview; see `ride_with`."""
     start = _start_of(recorded)
     steering, throttle, stopped = _commands(recorded)
     if stopped:
@@ -364,8 +373,7 @@ def ride_with(
     simulator = Simulator(start.config, recorded.disturbances)
     try:
         for snapshot in rollout(simulator, rider(RecordedCommands(steering, throttle)), start.request):
-            if report is not None:
-                report(snapshot.step, len(steering))
+            yield snapshot, simulator.preview
     finally:
         simulator.close()
 

@@ -17,6 +17,7 @@ from bike_analysis.sweeps.report import COMPARISONS, GROUPS, labelled, report_sw
 
 SWEEP_SCHEMA: Final = "bike.analyze_sweep/1"
 TOPIC_SCHEMA: Final = "bike.analyze_topic/1"
+DATASET_SCHEMA: Final = "bike.analyze_dataset/1"
 MOST_SECTORS: Final = 6
 """Sectors whose times fit beside a lap. A path has a section for each of its elements, told in lines of their own."""
 MAX_LINE: Final = 10_000
@@ -77,6 +78,29 @@ def run_topic(args: argparse.Namespace) -> dict[str, Any]:
         ]), *(f"{name}: {file}" for name, file in written.items())]  # fmt: skip
         print("\n".join(shown(line, MAX_LINE) for line in lines))
     return {"schema": TOPIC_SCHEMA, "ok": True, "figures": figures}
+
+
+def run_dataset(args: argparse.Namespace) -> dict[str, Any]:
+    """Write recorded rides as data sets of learning.
+
+    Raises:
+        FileNotFoundError: there is no such recording.
+        ModuleNotFoundError: a package that writes them is not installed.
+        ValueError: a ride that is none of the task, or a data set that is there already.
+    """
+    from bike_training.exporting.datasets import TASK, read_episodes, write_lerobot, write_minari  # they load the tasks
+
+    episodes = read_episodes(args.objects)
+    figures: dict[str, Any] = {"task": TASK, "episodes": len(episodes)}
+    figures["steps"] = sum(len(episode.rewards) for episode in episodes)
+    figures["mean_reward"] = float(sum(episode.rewards.sum() for episode in episodes)) / figures["steps"]
+    if args.minari is not None:
+        figures["minari"] = write_minari(episodes, args.minari, args.name)
+    if args.lerobot is not None:
+        figures["lerobot"] = str(write_lerobot(episodes, args.lerobot))
+    if not args.json:
+        print("\n".join(shown(f"{name}: {value}", MAX_LINE) for name, value in figures.items()))
+    return {"schema": DATASET_SCHEMA, "ok": True, "figures": figures}
 
 
 def run_sweep(args: argparse.Namespace) -> dict[str, Any]:

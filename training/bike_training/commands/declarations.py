@@ -25,7 +25,8 @@ _TABLE: Final[Mapping[str, Any]] = yaml.load(
 )
 BICYCLE, SUPERBIKE, NODES, ALL, ATTACHED, REFINEMENT, RESUMED, CLASSICAL = _TABLE["subjects"][:8]
 RECORDING, REPLAY, EXPLANATION, RUNS, SWEEP, CIRCUIT, TEMPLATE, PARAMETERS = _TABLE["subjects"][8:16]
-RUN, REFINED, LEARNING, WORK, DATA, POLICY, TOPIC, BEST_LAP, BENCHMARK, VERIFICATION, RACE = _TABLE["subjects"][16:]
+RUN, REFINED, LEARNING, WORK, DATA, POLICY, TOPIC, BEST_LAP, BENCHMARK, VERIFICATION = _TABLE["subjects"][16:26]
+RACE, DATASET = _TABLE["subjects"][26:]
 """Subjects of commands, as options name them; `WORK` is that of commands with one alone."""
 
 DEFAULT_RIDER: Final = "default"
@@ -296,6 +297,8 @@ def _analyze_subject(args: Namespace) -> str:
             )
         return REPLAY if args.replay else EXPLANATION
     first: Path = args.objects[0]
+    if args.minari is not None or args.lerobot is not None:
+        return DATASET
     if args.topic is not None:
         if len(args.objects) > 1:
             raise ValueError(f"--topic takes one recording, got {len(args.objects)}")
