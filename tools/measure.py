@@ -119,12 +119,6 @@ def riders(answers: Sequence[Any]) -> Rows:
     return [[kind, *(f"{name}: rides; mean, worst mean, largest" for name in names)], *rows]
 
 
-def estimates(answers: Sequence[Any]) -> Rows:
-    """Return riders of the bicycle on true states, and on states that are made of what sensors measure."""
-    head, *rows = riders(answers)
-    return [head, ["true state", *(RIDDEN.format(**rider) for rider in answers[0]["figures"]["riders"])], *rows]
-
-
 def races(answers: Sequence[Any]) -> Rows:
     """Return laps of superbikes as ``bike evaluate`` writes them."""
     found = answers[0]["figures"]["races"]
@@ -239,7 +233,6 @@ TABLES: Final[Mapping[str, Table]] = {
     "bicycle_evaluation": Table(columns("rides", **EVALUATION)),
     "bicycle_riders": Table(riders),
     "bicycle_disturbances": Table(riders),
-    "estimated_rides": Table(estimates),
     "outside_paths": Table(
         riders, tuple(f"--course {path.relative_to(ROOT)}" for path in sorted(DATA.glob("paths/*")))
     ),
