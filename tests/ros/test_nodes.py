@@ -21,9 +21,9 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "reference" / "ros.md").read_text()
 NODES = ("sim_node", "drive", "record")
 EVERY_NODE_HAS = ("/rosout", "/parameter_events")
-ONLY_WITH = {"/tf", "/bike/telemetry", "/bike/grip", "/bike/disturbances", "/bike/opponents"}
+ONLY_WITH = {"/tf", "/bike/telemetry", "/bike/grip", "/bike/disturbances", "/bike/opponents", "/bike/estimated_state"}
 """Published where tf2_msgs is installed, which the wheels do not bring, with a superbike (two), in a disturbed
-ride, and in a race."""
+ride, in a race, and beside an estimator."""
 
 
 def table(heading: str) -> list[list[str]]:
