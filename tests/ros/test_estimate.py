@@ -39,7 +39,7 @@ def test_a_fixed_rate_answers_on_and_says_when_states_are_late(ros, policy) -> N
     probe.until(lambda: probe.states[-1].step > 40)
     simulator.end(signal.SIGKILL)
     probe.until(lambda: "the watchdog steers straight" in driver.words)
-    assert (commands[-1].episode, commands[-1].steering) == (0, 0.0)
+    probe.until(lambda: (commands[-1].episode, commands[-1].steering) == (0, 0.0))
     probe.until(lambda: probe.count("drive", "states_late") > 5)
 
 

@@ -337,6 +337,8 @@ class Drive(rclpy.node.Node):
             text = "waiting for the first state and its course"
         elif silence > self._stale_after:
             level, text = self._diagnostics.WARN, f"no state for {silence:.1f} s, waiting for the simulator"
+            if self._rate > 0.0 and self._sent is not None:
+                text += "; the watchdog steers straight"
         elif self._last.snapshot.fallen:
             text = "the vehicle has fallen, waiting for a reset"
         elif new["late"]:
