@@ -16,7 +16,7 @@ from bike_policy.contract.action import STEERING_SET_VALUE, ActionLayout
 from bike_policy.contract.bundle import Actor, Bundle, load_bundle
 from bike_policy.contract.observation import ObservationLayout
 from bike_sim.vehicles.files import load_vehicle
-from bike_training.arguments import read_json
+from bike_training.arguments import check_positive, read_json
 from bike_training.curricula.parts import SPEED_RANGES
 from bike_training.exporting.c_header import MICROCONTROLLER_HZ, CompiledHeader, compiler, make_header
 from bike_training.exporting.observations import observations_of
@@ -51,11 +51,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         actor = _odd_part(actor, preset.deployed_layout)
     vehicle = load_vehicle(machines_of(summary["vehicle"])[0])
     task = preset.task
-    parts = _parts(args.range, task.action.size)
+    parts, layout = _parts(args.range, task.action.size), preset.deployed_layout
+    if args.share is not None:
+        check_positive("--share", args.share, "")
+        layout = replace(layout, share=args.share)
     bundle = Bundle(
         name=args.name or vehicle.name,
         actor=actor,
-        layout=preset.deployed_layout,
+        layout=layout,
         action=_held(task.action.narrowed(parts), args.within),
         vehicle=vehicle.name,
         control_period=vehicle.control_period,
