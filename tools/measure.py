@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import csv
 import json
-import math
 import os
 import subprocess
 import sys
@@ -158,9 +157,8 @@ def worlds(answers: Sequence[Any]) -> Rows:
     rows = []
     for found in (answer["figures"] for answer in answers):
         for kind, each in found["summary"].items():
-            compared = each if each["compared"] else dict.fromkeys(each, math.nan)
             texts = [text.format(**each) for text in WORLDS.values()]
-            over = "{excess:+.1%} ({excess_low:+.1%} to {excess_high:+.1%})".format(**compared)
+            over = "{excess:+.1%} ({excess_low:+.1%} to {excess_high:+.1%})".format(**each) if each["compared"] else "-"
             rows.append([kind if kind == "worlds" else f"`{kind}`", f"`{found['policy']}`", *texts, over])
     return [["worlds", "rider", *WORLDS, "median lap over the oracle's (95 %)"], *sorted(rows, key=lambda row: row[0])]
 
@@ -253,7 +251,7 @@ TABLES: Final[Mapping[str, Table]] = {
     "guide_pairs": Table(races),
     "adaptive_disturbed": Table(races),
     "classical_disturbed": Table(races),
-    "worlds": Table(worlds, ("classical", "adaptive", "racer", "generalist", "spdl_barcelona")),
+    "worlds": Table(worlds),
     "held_pairs": Table(races),
     "racer_random": Table(races, _circuits(100, 139)),
     "generalist_pairs": Table(races),
