@@ -349,14 +349,8 @@ def test_a_lap_is_ridden_by_keys_and_lies_beside_another(browser: webdriver.Chro
     course = tmp_path / "small.yaml"
     course.write_text(CIRCLE)
     request = ResetRequest(course=str(course), speed_range=(4.0, 4.0))
-    told: list[dict[str, Any]] = []
-    servers: list[LiveServer] = []
+    told, servers, report = listeners()
     path = tmp_path / "live.mcap"
-
-    def report(message: dict[str, Any]) -> None:
-        told.append(message)
-        for server in servers:
-            server.publish(message)
 
     ride = LiveRide(LiveSettings(SimulatorConfig(), request, make_rider("lqr"), path), report)
     laps = lambda: [message["lap"] for message in told if "lap" in message]  # noqa: E731
@@ -429,6 +423,19 @@ def test_a_lap_is_ridden_by_keys_and_lies_beside_another(browser: webdriver.Chro
 # ---- a ride of others -----------------------------------------------------------------------------------------------
 
 
+def listeners() -> tuple[list[dict[str, Any]], list[LiveServer], Callable[[dict[str, Any]], None]]:
+    """Messages of a ride so far, servers of its page, and what takes a message for both."""
+    told: list[dict[str, Any]] = []
+    servers: list[LiveServer] = []
+
+    def report(message: dict[str, Any]) -> None:
+        told.append(message)
+        for server in servers:
+            server.publish(message)
+
+    return told, servers, report
+
+
 @pytest.fixture
 def ridden_by_others() -> Iterator[int]:
     """ROS domain in which a simulator is ridden by the policy node in lockstep, as fast as they can."""
@@ -445,13 +452,7 @@ def ridden_by_others() -> Iterator[int]:
 def test_a_simulator_that_runs_is_watched_paused_and_restarted(
     ridden_by_others: int, browser: webdriver.Chrome
 ) -> None:
-    told: list[dict[str, Any]] = []
-    servers: list[LiveServer] = []
-
-    def report(message: dict[str, Any]) -> None:
-        told.append(message)
-        for server in servers:
-            server.publish(message)
+    told, servers, report = listeners()
 
     def page(origin: str) -> str:
         assert watch.course is not None
@@ -520,13 +521,7 @@ def test_race_is_ridden_by_keys_against_riders(browser: webdriver.Chrome, tmp_pa
     circuit = tmp_path / "oval.yaml"
     circuit.write_text(OVAL)
     race = RaceSettings(str(circuit), 1, entries_of(["one=r1", "two=r1", "own=r1"], "classical"), line=0.0)
-    told: list[dict[str, Any]] = []
-    servers: list[LiveServer] = []
-
-    def report(message: dict[str, Any]) -> None:
-        told.append(message)
-        for server in servers:
-            server.publish(message)
+    told, servers, report = listeners()
 
     path = tmp_path / "race.mcap"
     settings = LiveSettings(race_config(race), ResetRequest(course=str(circuit)), make_rider("classical"), path)

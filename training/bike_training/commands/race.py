@@ -126,7 +126,7 @@ def racer_columns(
         powered: whether it has an engine.
     """
     states, steps = recorded.states[:, row], np.arange(len(recorded.states))
-    x, y, near, distance = states[:, st.X], states[:, st.Y], 0.0, np.zeros(len(states))
+    x, y, distance = states[:, st.X], states[:, st.Y], np.zeros(len(states))
     near = float(centre.s[np.argmin(np.hypot(centre.x - x[0], centre.y - y[0]))]) - centre.length
     for step in steps:
         near, _, _ = project(centre.samples, x[step], y[step], near, REACH, REACH)

@@ -13,7 +13,7 @@ from bike_sim.sim.race import Race, RaceEvent, RaceSettings
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import RowSnapshots
 from bike_sim.sim.snapshot import Snapshot
-from bike_training.nodes.live_ride import LiveRide, LiveSettings, places_of, state_values
+from bike_training.nodes.live_ride import LiveRide, LiveSettings, state_values
 from bike_training.nodes.race_recording import RaceRecorder
 
 
@@ -138,9 +138,7 @@ class LiveRace(LiveRide):
 
     def _more(self) -> dict[str, Any]:
         """Return the other machines."""
-        places = places_of(())
-        others = [state_values(snapshot, places) for snapshot in self.client.shown[:-1]]
-        return {"others": others}
+        return {"others": [state_values(snapshot, ()) for snapshot in self.client.shown[:-1]]}
 
     def _show(self) -> None:
         super()._show()
