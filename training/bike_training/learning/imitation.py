@@ -7,7 +7,8 @@ privileged teacher: Chen et al. 2020, Learning by Cheating). The actor sees no p
 ride: it commands lean and drive itself. Soft actor-critic goes on from there (`bike_training.learning.anchored`).
 
 A teacher that knew the grip would brake late before anybody can know it. So it rides by the least of what is true and
-what the actor may believe so far: at first carefully, then by what has been inferred.
+what the actor may believe so far: at first carefully, then by what has been inferred. On a patch of less grip, which
+nobody can foresee, it leans at once no more than holds there. Half of the rides begin as if a lap had been ridden.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from numpy.typing import NDArray
 from safetensors.numpy import load_file, save_file
 
 from bike_policy.contract.bundle import Actor
-from bike_policy.contract.observation import Rows
+from bike_policy.contract.observation import PROGRESS, Rows
 from bike_policy.planning.grip import AdaptiveLaw, GripMemory
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_sim.vehicles.superbike import Superbike
@@ -53,6 +54,10 @@ NOISE_MEMORY: Final = 0.97
 """Part of the noise that the next decision keeps."""
 TEACHER_RIDES: Final = (1.0, 0.5, 0.15)
 """Part of the rides of the first rounds that the teacher rides itself; none later."""
+RIDDEN: Final = 0.5
+"""Part of the rides whose grip is known by place, as after a lap."""
+RIDDEN_ERROR: Final = 0.015
+"""Standard deviation of what is known of it."""
 DURATION: Final = 60.0
 """Of a round, s."""
 UPDATES: Final = 2500
@@ -65,18 +70,18 @@ FOLDER: Final = "imitation"
 
 
 def told_grip(true: FloatArray, inferred: GripMemory | None) -> tuple[FloatArray, FloatArray]:
-    """Return the grip that a teacher rides by, here, and here and shortly ahead, shape (n,) each.
+    """Return the grip that a teacher leans by, here, and that it plans for, here and shortly ahead, shape (n,) each.
 
     Args:
-        true: grip of the whole road of each row, shape (n,).
+        true: grip of the road under each row, shape (n,).
         inferred: by the actors; None for actors that infer nothing.
     """
     grip = np.minimum(true, 1.0)
     if inferred is None:
         return grip, grip
     caution = STARTING_CAUTION * np.maximum(np.sqrt(inferred.variance) - SURE, 0.0)
-    grip = np.minimum(grip, inferred.grip)
-    return grip, np.minimum(np.minimum(grip, inferred.expected), inferred.grip - caution)
+    grip = np.minimum(np.minimum(grip, inferred.grip), inferred.expected)
+    return grip, np.minimum(grip, inferred.grip - caution)
 
 
 class Teacher:
@@ -96,7 +101,7 @@ class Teacher:
         self._interfaces = [state.interface for state in states if isinstance(state, RaceState)]
         self._kinds = len(self._interfaces)
         self._laws: list[AdaptiveLaw] = []
-        self._grips: list[FloatArray] = []
+        self._grips = [np.ones(2)] * batch.count
         self._delays: list[FloatArray] = []
         worlds, period = batch.disturbances, batch.config.control_period
         # A decision is held, so it acts later than one of a control period by half of the rest.
@@ -105,26 +110,46 @@ class Teacher:
             vehicle = batch.plant(part).vehicle
             assert isinstance(vehicle, Superbike), "races are ridden on superbikes"
             own = worlds[part :: self._kinds]
-            self._grips.append(np.array([world.road.grip for world in own]))
             self._delays.append(np.array([held + world.command_delay_s for world in own]))
             self._laws.append(AdaptiveLaw(vehicle, period, CLASSICAL_SETTINGS, len(own)))
 
-    def begin(self, row: int) -> None:
-        """Begin a ride."""
+    def begin(self, row: int, rng: np.random.Generator) -> None:
+        """Begin a ride, which may know the grip as after a lap.
+
+        Args:
+            row: of the ride.
+            rng: whether it does, and by how much it errs.
+        """
         place, part = divmod(row, self._kinds)
-        self._laws[part].begin(place, None, self._batch.course(row))
+        line, begun = self._batch.course(row), self._batch.begun(row)
+        self._laws[part].begin(place, None, line)
+        assert begun is not None, "its ride has begun"
+        assert begun.followed is not None, "races are on circuits"
+        road = self._batch.disturbances[row].road.surface(begun.followed.track.surface)
+        self._grips[row] = road.grip(begun.followed.to_centre)
+        inferred = self._interfaces[part].grip_memory
+        known, error = rng.random() < RIDDEN, RIDDEN_ERROR * rng.standard_normal()
+        if inferred is not None and known:
+            inferred.begin(place, line, np.minimum(self._grips[row] + error, 1.0))
 
     def actions(self) -> NDArray[np.float32]:
         """Return what the teacher would do in each row at this control period, actions in [-1, 1], shape (n, 2)."""
         found = np.zeros((self._batch.count, 2))
+        true = np.array([self._grip_of(row) for row in range(self._batch.count)])
         for part, law in enumerate(self._laws):
             rows = Rows(*(getattr(self._batch, name)[part :: self._kinds] for name in Rows._fields))
             interface = self._interfaces[part]
             share = interface.references.share
             pace = np.stack((np.zeros(len(share)), share - 1.0), axis=1)
-            grip, expected = told_grip(self._grips[part], interface.grip_memory)
+            grip, expected = told_grip(true[part :: self._kinds], interface.grip_memory)
             found[part :: self._kinds] = law.follow(rows, grip, expected, pace, delays=self._delays[part])
         return np.clip(np.nan_to_num(found) / self._scale, -1.0, 1.0).astype(np.float32)
+
+    def _grip_of(self, row: int) -> float:
+        """Return the true grip under a row."""
+        grip, line = self._grips[row], self._batch.course(row)
+        progress = float(np.nan_to_num(self._batch.look[row, PROGRESS]))
+        return float(grip[int(progress % line.length / line.spacing)])
 
 
 class Imitation:
@@ -212,7 +237,7 @@ class Imitation:
         noise = np.zeros((count, 2))
         env.reset()
         for row in range(count):
-            teacher.begin(row)
+            teacher.begin(row, rng)
         steps = round(DURATION / (batch.config.control_period * task.repeat))
         seen = np.empty((steps, count, self._inputs), dtype=np.float32)
         shown = np.empty((steps, count, 2), dtype=np.float32)
@@ -230,7 +255,7 @@ class Imitation:
             for row in np.flatnonzero(failed).tolist():
                 self.lost += 1
                 env.begin(row)
-                teacher.begin(row)
+                teacher.begin(row, rng)
                 taught[row] = rng.random() < share
             if failed.any():
                 shown_now = teacher.actions()

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from bike_analysis.sweeps.statistics import bootstrap
 from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.observation import VehicleRows
-from bike_policy.planning.grip import AdaptiveLaw, HeldLeans
+from bike_policy.planning.grip import UNSEEN, AdaptiveLaw, HeldLeans
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, plan_line
 from bike_policy.planning.line_law import LineLaw, seen_of
 from bike_policy.planning.plan_verification import ROUNDS, BatchRider, lower_before, sources_digest
@@ -85,6 +85,12 @@ class Ridden(NamedTuple):
 def classical(batch: Batch, rides: Sequence[WorldRide]) -> BatchRider:
     """Return the classical rider of all rows, whose plans follow the inferred grip."""
     return AdaptiveLaw(_machine(batch), batch.config.control_period, CLASSICAL_SETTINGS, batch.count)
+
+
+def careful(batch: Batch, rides: Sequence[WorldRide]) -> BatchRider:
+    """Return the same, who expects less grip where no lap has been."""
+    period = batch.config.control_period
+    return AdaptiveLaw(_machine(batch), period, CLASSICAL_SETTINGS, batch.count, unseen=UNSEEN)
 
 
 def policy(bundle: Bundle) -> RiderOf:

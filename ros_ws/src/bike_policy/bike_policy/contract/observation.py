@@ -30,6 +30,8 @@ LAYOUT_VERSION: Final = 2
 
 LEAST_SPEED: Final = 5.0
 """Speed below which the distance of course points and stations no longer shrinks, m/s."""
+MOST_UNSEEN: Final = 0.3
+"""Most grip that may be kept in reserve where no lap has been."""
 HORIZON: Final = 6.0
 """Time that the course points look ahead, s; their scale is the distance at the present speed."""
 STATIONS: Final = 20
@@ -403,7 +405,7 @@ RACE_TERMS: Final[Mapping[str, Term]] = {
     ),
     "grip": Term(
         "1", lambda s: s.memory.grip - (1.0, 1.0, 0.0), 1.0, (0.2, 0.2, 0.1),
-        names=("grip_expected", "grip_inferred", "grip_deviation"),
+        names=("grip_expected", "grip_inferred", "grip_deviation"), settings=("unseen",),
     ),
     "opponents": Term(
         "1, m, m, m/s, m/s", lambda s: s.rows.opponents.reshape(len(s.rows.opponents), -1),
@@ -437,6 +439,7 @@ class ObservationLayout:
         exponent: of their times; above 1 they are denser near the vehicle.
         repeat: control periods that a decision is held.
         share: part of the planned speed that is asked.
+        unseen: grip by which ``grip`` expects less where no lap has been.
         version: LAYOUT_VERSION of the code that made it.
     """
 
@@ -452,6 +455,7 @@ class ObservationLayout:
     exponent: float = 1.6
     repeat: int = 1
     share: float = 1.0
+    unseen: float = 0.0
     version: int = LAYOUT_VERSION
 
     def __post_init__(self) -> None:
@@ -478,6 +482,8 @@ class ObservationLayout:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ValueError(f"layout {self.name!r}: {name} must be positive and finite, got {value!r}")
+        if not 0.0 <= self.unseen <= MOST_UNSEEN:
+            raise ValueError(f"layout {self.name!r}: unseen must be 0 to {MOST_UNSEEN}, got {self.unseen!r}")
         if not self.races and not self.terms[-1].startswith("preview_"):
             raise ValueError(f"layout {self.name!r}: the last term must be a preview, got {self.terms[-1]!r}")
         if "preview_lean" in self.terms and not (self.preview_by_time and self.preview_count >= 3):
@@ -693,8 +699,10 @@ of the tyres and lags of rider and actuators say how much is left. Stations are 
 begins to within a tenth of a second.
 """
 
-ADAPTIVE: Final = replace(COMPACT, name="adaptive", terms=(*COMPACT.terms, "grip", "machine"))
-"""The same, the inferred grip of the road, for which the reference is planned, and the descriptor of the vehicle."""
+ADAPTIVE: Final = replace(COMPACT, name="adaptive", terms=(*COMPACT.terms, "grip", "machine"), unseen=0.12)
+"""The same, the inferred grip of the road, for which the reference is planned, and the descriptor of the vehicle.
+
+Where no lap has been, grip is kept in reserve for patches of which nobody tells."""
 
 GUIDED: Final = replace(COMPACT, name="guided", terms=(*COMPACT.terms, "guide"))
 """The same, and the guide's commands and targets."""

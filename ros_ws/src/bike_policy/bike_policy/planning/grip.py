@@ -5,7 +5,8 @@ finds how much. At little slip the force hardly depends on the grip, so little i
 of a second is enough. The grip may change with the distance ridden.
 
 The rider changes between plans of the same line: the verified one of the known road, and slower ones for less grip.
-Where the lap before had less grip, it is ridden more slowly from a little ahead on.
+Where the lap before had less grip, it is ridden more slowly from a little ahead on. A careful rider also expects less
+grip where it has not been yet: what a patch takes at full lean, no answer gives back.
 """
 
 from __future__ import annotations
@@ -46,6 +47,8 @@ RESERVE: Final = 0.02
 """Grip that plans for less than the known one keep in reserve: they have not been ridden to verify them."""
 HELD: Final = 0.95
 """Part of the lateral acceleration that the grip allows which a rider leans for where there is less than known."""
+UNSEEN: Final = 0.12
+"""Grip that careful riders keep in reserve where no lap has been."""
 _STEP: Final = 1e-3
 
 LEVEL: Final = 0.01
@@ -72,14 +75,16 @@ class GripMemory:
         expected: grip here and shortly ahead, shape (n,).
     """
 
-    def __init__(self, vehicle: Superbike, period: float, count: int = 1) -> None:
+    def __init__(self, vehicle: Superbike, period: float, count: int = 1, unseen: float = 0.0) -> None:
         """Prepare for a number of machines.
 
         Args:
             vehicle: the machine as its rider knows it.
             period: control period, s.
             count: number of machines.
+            unseen: grip by which less is expected where no lap has been.
         """
+        self._unseen = unseen
         self._tyres = vehicle.machine["rear_tyre"], vehicle.machine["front_tyre"]
         self._weight, self._period = vehicle.mass * vehicle.g, period
         self.grip, self.variance, self.expected = np.ones(count), np.full(count, FIRST_ERROR**2), np.ones(count)
@@ -87,14 +92,26 @@ class GripMemory:
         self._lap: FloatArray = np.full((count, 1), np.inf)
         self._state: FloatArray = np.full((count, len(STATE)), np.nan)
 
-    def begin(self, row: int, line: Course) -> None:
-        """Begin a ride of a closed line, knowing nothing of its grip."""
+    def begin(self, row: int, line: Course, ridden: FloatArray | None = None) -> None:
+        """Begin a ride of a closed line.
+
+        Args:
+            row: of the machine.
+            line: closed line.
+            ridden: grip that a lap before found, at even distances along the line; None where nothing is known.
+        """
         parts = max(1, round(line.length / BIN))
         if parts > self._lap.shape[1]:
             more = np.full((len(self._lap), parts - self._lap.shape[1]), np.inf)
             self._lap = np.concatenate((self._lap, more), axis=1)
         self.grip[row], self.variance[row], self.expected[row] = 1.0, FIRST_ERROR**2, 1.0
         self._lap[row], self._part[row], self._parts[row], self._state[row] = np.inf, -1, parts, np.nan
+        if ridden is not None:
+            self.grip[row] = self.expected[row] = np.clip(np.median(ridden), LEAST_GRIP, MOST_GRIP)
+            firsts = np.arange(parts) * len(ridden) // parts
+            self._lap[row, :parts] = np.minimum.reduceat(ridden, firsts)
+        else:
+            self.expected[row] -= self._unseen
 
     def update(self, rows: VehicleRows, errors: FloatArray) -> FloatArray:
         """Take in a control period and return the expected grip, shape (n,); the same again for the same rows.
@@ -125,7 +142,9 @@ class GripMemory:
         self._lap[every, part] = np.where(entered, grip, np.minimum(grip, self._lap[every, part]))
         self._part = part
         ahead = (part[:, None] + np.arange(1, AHEAD + 1)) % self._parts[:, None]
-        return np.minimum(grip, self._lap[every[:, None], ahead].min(axis=1))
+        found = self._lap[every[:, None], ahead]
+        blind = np.minimum(grip, 1.0) - self._unseen if self._unseen else grip
+        return np.minimum(grip, np.where(np.isfinite(found), found, blind[:, None]).min(axis=1))
 
     def state_dict(self) -> dict[str, FloatArray]:
         """Return all of it, as arrays."""
@@ -228,7 +247,13 @@ class AdaptiveLaw:
     """
 
     def __init__(
-        self, vehicle: Superbike, period: float, settings: RiderSettings, count: int = 1, plan: Planner | None = None
+        self,
+        vehicle: Superbike,
+        period: float,
+        settings: RiderSettings,
+        count: int = 1,
+        plan: Planner | None = None,
+        unseen: float = 0.0,
     ) -> None:
         """Prepare for a number of rides.
 
@@ -238,15 +263,17 @@ class AdaptiveLaw:
             settings: how to ride.
             count: number of rides.
             plan: plans a lap of a line on the known road; None for a verified plan.
+            unseen: grip by which less is expected where no lap has been.
         """
         plan = plan or (lambda line: verified_plan(vehicle, line, settings, period))
-        self.memory = GripMemory(vehicle, period, count)
+        self.memory = GripMemory(vehicle, period, count, unseen)
         self.law = LineLaw(vehicle, period, settings, count)
         self.observer = RideObserver(vehicle, period, count)
         self._leans = HeldLeans(vehicle, settings, self.law.leans)
         self._planned = lru_cache(maxsize=KEPT)(lambda line: GripPlans(vehicle, line, settings, plan(line)))
         self._plans: dict[int, GripPlans] = {}
         self._level = np.ones(count)
+        self._careful = unseen > 0.0
 
     def plans(self, line: Course) -> GripPlans:
         """Return the plans of a line, made once for the same object.
@@ -279,7 +306,8 @@ class AdaptiveLaw:
         rows = self.observer.observe(rows)
         expected = self.memory.update(rows, self.observer.force_errors)
         # The delay that the observer finds is left out: looking so much farther ahead loses rides that are not lost so.
-        commands = self.follow(rows, self.memory.grip, expected, targets, self.observer.rates)
+        grip = np.minimum(self.memory.grip, expected) if self._careful else self.memory.grip
+        commands = self.follow(rows, grip, expected, targets, self.observer.rates)
         self.observer.answered(commands)
         return commands
 

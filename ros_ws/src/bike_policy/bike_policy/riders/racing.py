@@ -110,7 +110,7 @@ class RaceInterface:
         self._layout, self._action, self._max_steer = layout, action, vehicle.max_steer
         adaptive = "grip" in layout.terms
         self._planned = references_of(vehicle, adaptive)
-        self._grip = GripMemory(vehicle, period, count) if adaptive else None
+        self._grip = GripMemory(vehicle, period, count, layout.unseen) if adaptive else None
         self._guide = AdaptiveLaw(vehicle, period, GUIDE, count, plan) if action.guided else None
         self.observer = RideObserver(vehicle, period, count) if self._guide is None else self._guide.observer
         self.references = ReferenceRows(count, adaptive)
@@ -158,7 +158,8 @@ class RaceInterface:
             self._guide.begin(row, rows, line)
         if self._grip is not None:
             self._grip.begin(row, line)
-            self.references.grip[row], self.memory.grip[row] = 1.0, (1.0, 1.0, FIRST_ERROR)
+            expected = self._grip.expected[row]
+            self.references.grip[row], self.memory.grip[row] = expected, (expected, 1.0, FIRST_ERROR)
         self.references.begin(row, self._planned(line), self._layout.share if share is None else share, cap)
         memory, state = self.memory, rows.state[row]
         memory.rolls[row], memory.steers[row], memory.actions[row] = state[ROLL], state[STEER], 0.0
