@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bike_policy.contract.bundle import load_bundle, shipped_policies
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_sim.sim.disturbances import load_disturbances
 from bike_training.rollout.races import ride_races
 
@@ -24,7 +25,7 @@ def test_it_laps_from_all_around_faster_than_the_classical_rider(name: str, vehi
     assert result["whole"] == result["rides"] == 4
     assert result["off_track_s"] == 0.0
     assert result["line_distance_m"] < 0.6
-    assert result["best_s"] < ride_races(None, vehicle, "phillip_island", starts=1)["best_s"]
+    assert result["best_s"] < ride_races(CLASSICAL_SETTINGS, vehicle, "phillip_island", starts=1)["best_s"]
 
 
 @pytest.mark.slow
