@@ -16,16 +16,13 @@ from bike_training.learning.imitation import Imitation, told_grip
 from bike_training.learning.presets import Preset, load_preset
 from bike_training.learning.process import LearningProcess, make_environment
 from bike_training.learning.run_settings import RunSettings
-from tests.circuits import OVAL
 
 VEHICLE = "panigale_v4r"
 
 
 @pytest.fixture(scope="module")
-def preset(tmp_path_factory: pytest.TempPathFactory) -> Preset:
+def preset(oval: str) -> Preset:
     """Imitation and a few steps on an oval, on two roads that nobody tells of."""
-    circuit = tmp_path_factory.mktemp("circuits") / "oval.yaml"
-    circuit.write_text(OVAL)
     small = {
         "layers": "32",
         "environments": "4",
@@ -37,7 +34,7 @@ def preset(tmp_path_factory: pytest.TempPathFactory) -> Preset:
     changes = {f"learner.{name}": value for name, value in small.items()}
     changes |= {"learner.learning_starts": "20", "learner.layer_norm": "false", "learner.averaging": "0"}
     worlds = {"task.disturbances": "[road_090]", "task.max_steps": "50"}
-    return load_preset("race_adaptive").changed({**changes, **worlds, "curriculum.circuits": [str(circuit)]})
+    return load_preset("race_adaptive").changed({**changes, **worlds, "curriculum.circuits": [oval]})
 
 
 @pytest.fixture(autouse=True)

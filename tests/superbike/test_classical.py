@@ -214,6 +214,7 @@ def test_a_start_line_in_a_bend_is_begun_slowly(tmp_path: Path) -> None:
 
 def test_command_prints_one_object(circuit: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--vehicle", "panigale_v4r", "--course", str(circuit), "--rider", "classical", "--laps", "1"]
+    words += ["--engine", "compiled"]
     code = cli.main(["ride", *words, "--json"])
     answer = json.loads(capsys.readouterr().out)
     assert code == 0
