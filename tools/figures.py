@@ -62,6 +62,7 @@ SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
         *(*_CONTRACT, f"{_POLICY}/planning", f"{_POLICY}/policies/racer", f"{_POLICY}/policies/generalist"),
         *(f"{_ROLLOUT}/{name}.py" for name in ("laps", "races", "worlds")),
         *(f"{_POLICY}/riders/{name}.py" for name in ("classical", "racing")),
+        f":(exclude){_POLICY}/planning/racecraft.py",  # the lone rider does without it
     ),
     "adaptive": (f"{_POLICY}/policies/adaptive",),
     "optimum": (f"{_POLICY}/riders/optimum.py", f"{_ROLLOUT}/optimum.py"),
