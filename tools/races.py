@@ -1,7 +1,8 @@
-"""Measure races: ``tools/races.py races|draft|rate|ros``, one CSV on standard output, one line as each is done.
+"""Measure races: ``tools/races.py races|back|draft|rate|ros``, one CSV on standard output, one line as each is done.
 
 ``races``: six mixed machines on random circuits that nothing was chosen on; does each race end, is it the same from its
-commands, do any two machines pass through each other between two steps? ``draft``: top speed of a machine behind
+commands, do any two machines pass through each other between two steps? ``back``: riders that begin behind five
+classical ones on the same machine; what do they gain? ``draft``: top speed of a machine behind
 another on Barcelona's straight. ``rate``: steps of twelve machines that meet by those of twelve that do not. ``ros``:
 rate of a race of four machines through nodes in lockstep, each with a driver of its own.
 """
@@ -86,6 +87,19 @@ def _mix(before: Any, after: Any, part: float, mixed: Any) -> None:
     mixed.shift_y = before.shift_y + part * (after.shift_y - before.shift_y)
 
 
+def ridden(race: Race) -> Iterator[NDArray[np.float64]]:
+    """Ride a race to its end by the riders of its entries; yield the commands after each step."""
+    batch = race.batch
+    riders = [entry.rider for entry in race.settings.entries]
+    field = RaceField(riders, batch.vehicles, batch.config.control_period, plan_of)
+    for row in range(race.count):
+        field.begin(row, batch, batch.course(row))
+    while not race.over:
+        commands = field.commands(batch, race.step_number)
+        race.step(commands)
+        yield commands
+
+
 RACE: Final = (
     "circuit", "machines", "ended", "race_s", "finished", "thrown", "other_falls", "passes", "contacts", "avoidable",
     "lost_j", "least_lost_j", "passed_through", "replay",
@@ -111,14 +125,11 @@ def races(count: int, first: int, rider: str = "classical") -> Iterator[list[obj
         assert traffic is not None
         order = np.random.default_rng(number).permutation(race.count).tolist()
         race.begin(order)
-        field = RaceField([rider] * race.count, batch.vehicles, batch.config.control_period, plan_of)
-        for row in range(race.count):
-            field.begin(row, batch, batch.course(row))
-        commands, passed_through, least = [], 0, math.inf
+        passed_through, least = 0, math.inf
         before, between = traffic.bodies.copy(), np.zeros(2, dtype=tr.BODY)
-        while not race.over:
-            commands.append(field.commands(batch, race.step_number))
-            race.step(commands[-1])
+        commands = []
+        for pair in ridden(race):
+            commands.append(pair)
             touched = np.zeros((race.count, race.count), dtype=np.bool_)
             for incident in batch.incidents[batch.incidents[:, 0] == tr.CONTACT]:
                 touched[min(incident[2:4].astype(int)), max(incident[2:4].astype(int))] = True
@@ -138,6 +149,29 @@ def races(count: int, first: int, rider: str = "classical") -> Iterator[list[obj
             ends.count("contact"), falls - ends.count("contact"), kinds_of.count("pass"), kinds_of.count("contact"),
             sum(result.avoidable for result in results), round(energy, 1),
             round(least, 3) if math.isfinite(least) else "", passed_through, "same" if same else "differs",
+        ]  # fmt: skip
+        race.close()
+
+
+def back(count: int, first: int, rider: str) -> Iterator[list[object]]:
+    """Ride races of six equal machines, five of them by classical riders; yield what the last on the grid gained.
+
+    Args:
+        count: of races.
+        first: seed of the first circuit.
+        rider: of the last on the grid.
+    """
+    yield ["circuit", "machine", "rider", "gained", "contacts", "avoidable", "end", "race_s"]
+    for number in range(first, first + count):
+        machine = MACHINES[number % 5]
+        entries = [Entry(f"bike_{k}", machine, "classical" if k < 5 else rider) for k in range(6)]
+        race = Race(RaceSettings(f"random_circuit:{number}", 1, tuple(entries)))
+        for _ in ridden(race):
+            pass
+        found = next(result for result in race.classification() if result.name == "bike_5")
+        yield [
+            race.settings.course, machine, rider, found.grid - found.position, found.contacts, found.avoidable,
+            found.end, round(race.time, 2),
         ]  # fmt: skip
         race.close()
 
@@ -246,12 +280,13 @@ def processor_time(process: int) -> float:
 def main() -> None:
     """Print the table that is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("table", choices=("races", "draft", "rate", "ros"))
+    parser.add_argument("table", choices=("races", "back", "draft", "rate", "ros"))
     parser.add_argument("--count", type=int, default=100, help="races")
     parser.add_argument("--first", type=int, default=FIRST_CIRCUIT, help="seed of the first circuit")
-    parser.add_argument("--rider", default="classical", help="of all machines of races")
+    parser.add_argument("--rider", default="classical", help="of all machines of races, of the last on the grid")
     args = parser.parse_args()
-    tables = {"races": lambda: races(args.count, args.first, args.rider), "draft": draft, "rate": rate, "ros": ros}
+    which = args.count, args.first, args.rider
+    tables = {"races": lambda: races(*which), "back": lambda: back(*which), "draft": draft, "rate": rate, "ros": ros}
     for row in tables[args.table]():
         print(*row, sep=",", flush=True)
         print(*row, sep="  ", file=sys.stderr)
