@@ -13,6 +13,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, Final
 
+import gymnasium as gym
 import numpy as np
 
 from bike_policy.riders.classical import ClassicalRider
@@ -25,6 +26,7 @@ from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
+from bike_training.benchmark.tasks import benchmark_of
 from bike_training.curricula.parts import RideRanges
 from bike_training.envs.env import BikeEnv
 from bike_training.envs.vec_env import BatchVecEnv
@@ -37,6 +39,7 @@ ROUNDS: Final = 5
 SUPERBIKE: Final = "panigale_v4r"
 SUSPENDED: Final = "gsxr1000"
 CIRCUIT: Final = "barcelona"
+FROZEN: Final = "two_wheeler/Balance-v0"
 
 Ride = Generator[Callable[[], Any], Any, None]
 """Yields what is timed, a step, and gets what it returned."""
@@ -85,6 +88,17 @@ def vector(count: int, seed: int) -> Ride:
         actions = np.clip(-0.4 * states[:, [ROLL]] - 0.1 * states[:, [ROLL_RATE]], -1.0, 1.0).astype(np.float32)
         falls += int((yield partial(env.step, actions))[2].sum())
     raise AssertionError("the balancing law must keep the bicycles up")
+
+
+def frozen(mode: str, count: int, seed: int) -> Ride:
+    """Ride bicycles of a frozen task, as ``make_vec`` makes them: one batch, or an environment each (``sync``)."""
+    names = benchmark_of(FROZEN).task.layout.names
+    law = np.zeros((len(names), 1), dtype=np.float32)
+    law[[names.index("roll"), names.index("roll_rate")], 0] = -0.6, -0.35
+    envs = gym.make_vec(FROZEN, num_envs=count, vectorization_mode=mode)
+    observations, _ = envs.reset(seed=seed)
+    while True:
+        observations = (yield partial(envs.step, np.clip(observations @ law, -1.0, 1.0)))[0]
 
 
 def superbike(_: int) -> Ride:
@@ -136,6 +150,8 @@ def measure(scale: float = 1.0) -> dict[str, float]:
         "gymnasium_pybullet_5ms_steps_per_s": 1.0 / took(partial(gymnasium, 0.005), 400),
         "gymnasium_pybullet_1ms_steps_per_s": 1.0 / took(partial(gymnasium, 0.001), 400),
         "vector_of_64_compiled_steps_per_s": 64.0 / took(partial(vector, 64), 100),
+        "make_vec_of_64_steps_per_s": 64.0 / took(partial(frozen, "vector_entry_point", 64), 100),
+        "sync_vector_env_of_8_steps_per_s": 8.0 / took(partial(frozen, "sync", 8), 50),
         "superbike_step_us": 1e6 * took(superbike, 2000),
         "superbike_reset_us": 1e6 * took(superbike_resets, 50),
         "superbike_batch_of_32_steps_per_s": 32.0 / took(partial(superbike_batch, 32, SUPERBIKE), 100),

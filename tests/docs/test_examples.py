@@ -11,7 +11,8 @@ from bike_training.tasks.path import REWARD_TERMS
 TESTS = Path(__file__).parents[1]
 EXAMPLES = TESTS.parent / "examples"
 SHORT = {
-    "gymnasium_sb3": "--steps 110",
+    "cleanrl_ppo": "--count 2 --steps 8 --updates 2",
+    "gymnasium_sb3": "--count 2 --steps 2050",
     "own_reward_term": "--steps 20",
     "recording_to_pandas": str(TESTS / "analysis/recordings/ride_of_2be20ba.mcap"),
     "ride_in_process": "--seconds 5 --rider lqr",
