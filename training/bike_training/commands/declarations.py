@@ -163,11 +163,11 @@ def _vehicle_kind(vehicles: str) -> str:
 def _rider_kind(name: str) -> str:
     """Return the kind of vehicle that a rider rides."""
     from bike_policy.contract.bundle import load_bundle
-    from bike_policy.riders.classical import CLASSICAL as CLASSICAL_RIDER
+    from bike_policy.riders.classical import SETTINGS
     from bike_policy.riders.rider import LAP_SUFFIX, RIDERS
 
     if name in RIDERS:
-        return SUPERBIKE if name in (CLASSICAL_RIDER, OPTIMUM) else BICYCLE
+        return SUPERBIKE if name in (*SETTINGS, OPTIMUM) else BICYCLE
     if name.endswith(LAP_SUFFIX):
         return SUPERBIKE
     return SUPERBIKE if load_bundle(name, RIDERS).layout.races else BICYCLE
