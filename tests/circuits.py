@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -24,6 +25,16 @@ elements:
 elevation_m: [[0, 10], [300, 14], [600, 12], [900, 8]]
 """
 """Two straights and two half circles, with hills."""
+
+
+def write_kidney(path: Path) -> Path:
+    """Write a circuit of about 1.3 km with left and right bends as a CSV file."""
+    angle = np.linspace(0.0, 2.0 * math.pi, 160, endpoint=False)
+    radius = 190.0 + 45.0 * np.cos(2.0 * angle) + 22.0 * np.sin(3.0 * angle)
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    rows = "\n".join(f"{x:.4f},{y:.4f},6.0,6.0" for x, y in points)
+    path.write_text(f"# x_m,y_m,w_tr_right_m,w_tr_left_m\n{rows}\n", encoding="utf-8")
+    return path
 
 
 def circle(radius: float, spacing: float = 0.1) -> Course:

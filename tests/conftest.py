@@ -1,12 +1,11 @@
 """What all tests share: their order, and that nothing is computed twice or fails because the machine is busy."""
 
-import copy
+import hashlib
 import os
 import pickle
 import shutil
 import signal
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -15,9 +14,10 @@ import hypothesis
 import pytest
 
 from bike_sim.planning import envelope, lap_limit
-from bike_sim.planning.line_cache import cache_folder
+from bike_sim.planning.line_cache import FOLDER_VARIABLE, cache_folder
 from bike_sim.vehicles.files import load_superbike
 from bike_sim.vehicles.superbike import Superbike
+from tests.circuits import OVAL, write_kidney
 
 ROOT = Path(__file__).parents[1]
 
@@ -40,19 +40,23 @@ for _number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(_number, signal.default_int_handler if _number == signal.SIGINT else signal.SIG_DFL)
 
 
-SESSION_LINES = "BIKE_SESSION_LINES"
-"""Environment variable that names the folder of lines that the processes of a session share."""
+SESSION = "BIKE_TEST_SESSION"
+"""Environment variable that names the folder that the processes of a session share."""
 
 
 def compute_once(module: ModuleType, name: str) -> None:
-    """Let a function that depends on its arguments alone be computed once for the same ones."""
-    function, known = getattr(module, name), dict[bytes, Any]()
+    """Let a function that depends on its arguments alone be computed once for the same ones, in all processes."""
+    function, known = getattr(module, name), dict[str, bytes]()
 
     def look_up(*arguments: Any) -> Any:
-        key = pickle.dumps(arguments)
-        if key not in known:
-            known[key] = function(*arguments)
-        return copy.deepcopy(known[key])
+        key = hashlib.sha256(pickle.dumps(arguments)).hexdigest()
+        path = Path(os.environ[SESSION]) / f"{name}_{key}"
+        if key not in known and not path.exists():
+            scratch = path.with_suffix(f".{os.getpid()}")
+            scratch.write_bytes(pickle.dumps(function(*arguments)))
+            scratch.replace(path)
+        known[key] = known.get(key) or path.read_bytes()
+        return pickle.loads(known[key])
 
     setattr(module, name, look_up)
 
@@ -63,14 +67,19 @@ compute_once(lap_limit, "_solve")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Lets JAX compile what many short runs of learning share once and not for each; lines are shared, too."""
+    """Lets JAX compile what many short runs of learning share once and not for each; lines and plans are shared, too.
+
+    Lines begin as a copy of the user's, which stay as they are.
+    """
     if hasattr(config, "workerinput"):
         return  # one of several processes that share the folder of the one that started them
     folder = tempfile.TemporaryDirectory(prefix="bike_tests_")
     config.add_cleanup(folder.cleanup)
-    os.environ[SESSION_LINES] = str(Path(folder.name) / "lines")
+    os.environ[SESSION] = folder.name
+    lines = Path(folder.name) / "lines"
     if cache_folder().is_dir():
-        shutil.copytree(cache_folder(), os.environ[SESSION_LINES])
+        shutil.copytree(cache_folder(), lines)
+    os.environ[FOLDER_VARIABLE] = str(lines)
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(Path(folder.name) / "jax")
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
@@ -98,8 +107,14 @@ def panigale() -> Superbike:
 
 
 @pytest.fixture(scope="session")
-def own_lines() -> Iterator[Path]:
-    """Keeps computed lines out of the user's cache: a session has a folder of its own, which begins as a copy."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("BIKE_CACHE", os.environ[SESSION_LINES])
-        yield Path(os.environ[SESSION_LINES])
+def oval(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A small circuit, whose lines and plans take a moment."""
+    path = tmp_path_factory.mktemp("circuits") / "oval.yaml"
+    path.write_text(OVAL)
+    return str(path)
+
+
+@pytest.fixture(scope="session")
+def kidney(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small circuit with bends both ways that nothing was tuned on."""
+    return write_kidney(tmp_path_factory.mktemp("circuits") / "kidney.csv")

@@ -62,6 +62,7 @@ SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
         *(*_CONTRACT, f"{_POLICY}/planning", f"{_POLICY}/policies/racer", f"{_POLICY}/policies/generalist"),
         *(f"{_ROLLOUT}/{name}.py" for name in ("laps", "races", "worlds")),
         *(f"{_POLICY}/riders/{name}.py" for name in ("classical", "racing")),
+        f":(exclude){_POLICY}/planning/racecraft.py",  # the lone rider does without it
     ),
     "adaptive": (f"{_POLICY}/policies/adaptive",),
     "optimum": (f"{_POLICY}/riders/optimum.py", f"{_ROLLOUT}/optimum.py"),
@@ -259,6 +260,33 @@ def random_circuits(name: str) -> str:
     return markdown([names, *rows]) + origin(DATA / f"{name}.csv")
 
 
+def race_totals(name: str) -> str:
+    """Return totals of races by pair of machines; behind rates stands half of their 95 % interval (Poisson)."""
+    pairs_of: dict[str, list[dict[str, str]]] = defaultdict(list)
+    for row in read_records(name):
+        pairs_of[row["machines"]].append(row)
+        pairs_of["all"].append(row)
+    pairs_of["all"] = pairs_of.pop("all")
+    rows = []
+    for machines, found in pairs_of.items():
+        sums = {key: sum(float(row[key]) for row in found) for key in RACE_SUMS}
+        rates = [
+            f"{total / len(found):.2f} ± {1.96 * total**0.5 / len(found):.2f}" for total in list(sums.values())[:5]
+        ]
+        ended = sum(row["ended"] == "True" for row in found)
+        same = sum(row["replay"] == "same" for row in found)
+        ends = [f"{ended} of {len(found)}", f"{sums['finished']:.0f} of {6 * len(found)}"]
+        rows.append(
+            [machines.replace("+", ", "), *ends, *rates, f"{sums['passed_through']:.0f}", f"{same} of {len(found)}"]
+        )
+    names = ("machines", "ended", "finished", "thrown a race", "other falls a race", "passes a race", "contacts a race")
+    names += ("avoidable a race", "passed through", "the same again")
+    return markdown([names, *rows]) + origin(DATA / f"{name}.csv")
+
+
+RACE_SUMS: Final = ("thrown", "other_falls", "passes", "contacts", "avoidable", "finished", "passed_through")
+
+
 def headline(name: str) -> str:
     """Return the table of README: the ends of the tables of the results' page."""
     from bike_training.commands.reproduce import PAPERS
@@ -373,6 +401,7 @@ KINDS: Final[Mapping[str, Callable[[str], str]]] = {
         lap_curves,
         disturbed,
         random_circuits,
+        race_totals,
         headline,
         paper,
         command,

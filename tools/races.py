@@ -1,7 +1,8 @@
-"""Measure races: ``tools/races.py races|draft|rate|ros``, one CSV on standard output, one line as each is done.
+"""Measure races: ``tools/races.py races|back|draft|rate|ros``, one CSV on standard output, one line as each is done.
 
 ``races``: six mixed machines on random circuits that nothing was chosen on; does each race end, is it the same from its
-commands, do any two machines pass through each other between two steps? ``draft``: top speed of a machine behind
+commands, do any two machines pass through each other between two steps? ``back``: riders that begin behind five
+classical ones on the same machine; what do they gain? ``draft``: top speed of a machine behind
 another on Barcelona's straight. ``rate``: steps of twelve machines that meet by those of twelve that do not. ``ros``:
 rate of a race of four machines through nodes in lockstep, each with a driver of its own.
 """
@@ -16,8 +17,10 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, plan_line
@@ -46,79 +49,131 @@ def plan_of(machine: Superbike, line: Course) -> LinePlan:
     return plan_line(machine, line, CLASSICAL_SETTINGS, PACE * plan.profile.speed[:-1])
 
 
-def bodies(race: Race) -> NDArray[np.void]:
-    """Return the bodies of a race as they are now."""
-    assert race.batch.traffic is not None
-    return np.array(race.batch.traffic.bodies)
+@njit(cache=True)
+def missed(before: Any, after: Any, touched: NDArray[np.bool_], between: Any) -> int:
+    """Return how many pairs of bodies pass through each other between two steps without a touch.
 
-
-def missed(before: NDArray[np.void], after: NDArray[np.void], touched: set[tuple[int, int]]) -> int:
-    """Return how many pairs come closer than a touch between two steps without one."""
+    Args:
+        before: bodies after the step before, shape (n,).
+        after: bodies now.
+        touched: which pairs touch, shape (n, n).
+        between: scratch of two bodies.
+    """
     count = 0
     for i in range(len(before)):
         for j in range(i + 1, len(before)):
-            a, b = (before[i], after[i]), (before[j], after[j])
-            if 0 in (a[0]["kind"], b[0]["kind"], a[1]["kind"], b[1]["kind"]) or (i, j) in touched:
+            present = before[i].kind * before[j].kind * after[i].kind * after[j].kind
+            near = abs(before[i].x - before[j].x) + abs(before[i].y - before[j].y) < 12.0
+            if present == 0 or touched[i, j] or not near:
                 continue
-            if abs(a[0]["x"] - b[0]["x"]) + abs(a[0]["y"] - b[0]["y"]) > 12.0:
-                continue
-            gaps = [gap_at(a, b, part / SUBSTEPS) for part in range(SUBSTEPS + 1)]
-            crosses = min(gaps) < 0.5 * tr.RADIUS and gaps[0] > 2.0 * tr.RADIUS
-            count += crosses and gaps[-1] > 2.0 * tr.RADIUS
+            first = last = least = math.inf
+            for part in range(SUBSTEPS + 1):
+                _mix(before[i], after[i], part / SUBSTEPS, between[0])
+                _mix(before[j], after[j], part / SUBSTEPS, between[1])
+                last = tr._between(between[0], between[1])[0]
+                first, least = (last if part == 0 else first), min(least, last)
+            count += least < 0.5 * tr.RADIUS and min(first, last) > 2.0 * tr.RADIUS
     return count
 
 
-def gap_at(a: tuple[np.void, np.void], b: tuple[np.void, np.void], part: float) -> float:
-    """Return the distance of two middle lines at a part of a step, m."""
-    mixed = []
-    for one in (a, b):
-        record = np.array([one[0]])
-        for name in ("x", "y", "cos", "sin", "shift_x", "shift_y"):
-            record[name] = (1.0 - part) * one[0][name] + part * one[1][name]
-        mixed.append(record[0])
-    return float(tr._between(mixed[0], mixed[1])[0])
+@njit(cache=True)
+def _mix(before: Any, after: Any, part: float, mixed: Any) -> None:
+    """Place a body at a part of a step."""
+    mixed.length = after.length
+    mixed.x, mixed.y = before.x + part * (after.x - before.x), before.y + part * (after.y - before.y)
+    mixed.cos = before.cos + part * (after.cos - before.cos)
+    mixed.sin = before.sin + part * (after.sin - before.sin)
+    mixed.shift_x = before.shift_x + part * (after.shift_x - before.shift_x)
+    mixed.shift_y = before.shift_y + part * (after.shift_y - before.shift_y)
 
 
-def races(count: int, first: int) -> Iterator[list[object]]:
-    """Ride races; yield the head and a row of each."""
-    yield ["circuit", "machines", "ended", "race_s", "finished", "falls", "passes", "contacts", "thrown",
-           "contact_energy_j", "least_energy_j", "penalties", "missed", "replay"]  # fmt: skip
+def ridden(race: Race) -> Iterator[NDArray[np.float64]]:
+    """Ride a race to its end by the riders of its entries; yield the commands after each step."""
+    batch = race.batch
+    riders = [entry.rider for entry in race.settings.entries]
+    field = RaceField(riders, batch.vehicles, batch.config.control_period, plan_of)
+    for row in range(race.count):
+        field.begin(row, batch, batch.course(row))
+    while not race.over:
+        commands = field.commands(batch, race.step_number)
+        race.step(commands)
+        yield commands
+
+
+RACE: Final = (
+    "circuit", "machines", "ended", "race_s", "finished", "thrown", "other_falls", "passes", "contacts", "avoidable",
+    "lost_j", "least_lost_j", "passed_through", "replay",
+)  # fmt: skip
+"""Columns of a race: machines that a contact threw down and that fell otherwise, kinetic energy of all contacts and of
+the one that took least, pairs that passed through each other, and whether its commands give the same race again."""
+
+
+def races(count: int, first: int, rider: str = "classical") -> Iterator[list[object]]:
+    """Ride races; yield the head and a row of each.
+
+    Args:
+        count: of races.
+        first: seed of the first circuit.
+        rider: of all machines.
+    """
+    yield list(RACE)
     for number in range(first, first + count):
         kinds = [MACHINES[number % 5], MACHINES[(number + 2) % 5]]
-        entries = tuple(Entry(f"bike_{k}", kinds[k % 2], "classical") for k in range(6))
-        settings = RaceSettings(f"random_circuit:{number}", 1, entries, line=0.0)
-        race = Race(settings)
-        field = RaceField(["classical"] * 6, race.batch.vehicles, race.batch.config.control_period, plan_of)
-        for row in range(race.count):
-            field.begin(row, race.batch, race.batch.course(row))
-        commands, passed_through, least, thrown = [], 0, math.inf, 0
-        before = bodies(race)
-        while not race.over:
-            commands.append(field.commands(race.batch, race.step_number))
-            race.step(commands[-1])
-            after, touched = bodies(race), set()
-            for incident in race.batch.incidents:
-                if incident[0] == tr.CONTACT:
-                    machines = int(incident[2]), int(incident[3])
-                    touched.add((min(machines), max(machines)))
-                    least = min(least, float(incident[7]))
-                    thrown += int(incident[8] + incident[9])
-            passed_through += missed(before, after, touched)
-            before = after
-        again = Race(settings)
+        entries = tuple(Entry(f"bike_{k}", kinds[k % 2], rider) for k in range(6))
+        race = Race(RaceSettings(f"random_circuit:{number}", 1, entries))
+        batch, traffic = race.batch, race.batch.traffic
+        assert traffic is not None
+        order = np.random.default_rng(number).permutation(race.count).tolist()
+        race.begin(order)
+        passed_through, least = 0, math.inf
+        before, between = traffic.bodies.copy(), np.zeros(2, dtype=tr.BODY)
+        commands = []
+        for pair in ridden(race):
+            commands.append(pair)
+            touched = np.zeros((race.count, race.count), dtype=np.bool_)
+            for incident in batch.incidents[batch.incidents[:, 0] == tr.CONTACT]:
+                touched[min(incident[2:4].astype(int)), max(incident[2:4].astype(int))] = True
+                least = min(least, float(incident[7]))
+            passed_through += missed(before, traffic.bodies, touched, between)
+            before[:] = traffic.bodies
+        log, energy, states = race.log, race.energy, batch.state.tobytes()
+        ended, seconds, results = race.time < race.limit, race.time, race.classification()
+        race.begin(order)
         for pair in commands:
-            again.step(pair)
-        same = again.batch.state.tobytes() == race.batch.state.tobytes() and again.log == race.log
-        kinds_of = [event.kind for event in race.log]
-        results = race.classification()
+            race.step(pair)
+        same = batch.state.tobytes() == states and race.log == log
+        kinds_of, ends = [event.kind for event in log], [result.end for result in results]
+        falls = sum(end not in ("finished", "running") for end in ends)
         yield [
-            settings.course, "+".join(kinds), race.time < race.limit, round(race.time, 2),
-            sum(result.end == "finished" for result in results), kinds_of.count("fall"), kinds_of.count("pass"),
-            kinds_of.count("contact"), thrown, round(race.energy, 1), round(least, 3) if thrown or race.energy else "",
-            sum(result.penalty_s > 0.0 for result in results), passed_through, "same" if same else "differs",
+            race.settings.course, "+".join(kinds), ended, round(seconds, 2), ends.count("finished"),
+            ends.count("contact"), falls - ends.count("contact"), kinds_of.count("pass"), kinds_of.count("contact"),
+            sum(result.avoidable for result in results), round(energy, 1),
+            round(least, 3) if math.isfinite(least) else "", passed_through, "same" if same else "differs",
         ]  # fmt: skip
         race.close()
-        again.close()
+
+
+def back(count: int, first: int, rider: str) -> Iterator[list[object]]:
+    """Ride races of six equal machines, five of them by classical riders; yield what the last on the grid gained.
+
+    Args:
+        count: of races.
+        first: seed of the first circuit.
+        rider: of the last on the grid.
+    """
+    yield ["circuit", "machine", "rider", "gained", "contacts", "avoidable", "end", "race_s"]
+    for number in range(first, first + count):
+        machine = MACHINES[number % 5]
+        entries = [Entry(f"bike_{k}", machine, "classical" if k < 5 else rider) for k in range(6)]
+        race = Race(RaceSettings(f"random_circuit:{number}", 1, tuple(entries)))
+        for _ in ridden(race):
+            pass
+        found = next(result for result in race.classification() if result.name == "bike_5")
+        yield [
+            race.settings.course, machine, rider, found.grid - found.position, found.contacts, found.avoidable,
+            found.end, round(race.time, 2),
+        ]  # fmt: skip
+        race.close()
 
 
 def draft(vehicle: str = "panigale_v4r") -> Iterator[list[object]]:
@@ -225,11 +280,13 @@ def processor_time(process: int) -> float:
 def main() -> None:
     """Print the table that is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("table", choices=("races", "draft", "rate", "ros"))
+    parser.add_argument("table", choices=("races", "back", "draft", "rate", "ros"))
     parser.add_argument("--count", type=int, default=100, help="races")
     parser.add_argument("--first", type=int, default=FIRST_CIRCUIT, help="seed of the first circuit")
+    parser.add_argument("--rider", default="classical", help="of all machines of races, of the last on the grid")
     args = parser.parse_args()
-    tables = {"races": lambda: races(args.count, args.first), "draft": draft, "rate": rate, "ros": ros}
+    which = args.count, args.first, args.rider
+    tables = {"races": lambda: races(*which), "back": lambda: back(*which), "draft": draft, "rate": rate, "ros": ros}
     for row in tables[args.table]():
         print(*row, sep=",", flush=True)
         print(*row, sep="  ", file=sys.stderr)

@@ -145,7 +145,7 @@ def test_train_export_and_evaluate(tmp_path, capsys):
 
 def test_evaluate_rides_a_line_with_a_known_law(policy, tmp_path, capsys):
     words = ["evaluate", str(policy), "--course", "line", "--speeds", "7", "--random-rides", "0"]
-    words += ["--time-step", "0.005"]
+    words += ["--engine", "whipple", "--time-step", "0.01"]
     code, result = run_json(capsys, *words, "--out", str(tmp_path / "out"))
     assert code == 0
     figures = result["figures"]

@@ -166,7 +166,6 @@ def test_signs_follow_the_policy(seen):
     assert sign_of(fallen, roll) > 0.9
 
 
-@pytest.mark.slow
 @pytest.mark.ros
 def test_command_explains_the_policy_that_the_recording_names(recording, tmp_path, capsys, monkeypatch):
     few = functools.partial(explain, permutations=4, background=20)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from bike_policy.contract.bundle import Actor
 from bike_policy.planning.grip import GripMemory
 from bike_sim.sim.batch import SUPERBIKE_ENGINE
 from bike_sim.vehicles.files import load_superbike
@@ -16,16 +19,13 @@ from bike_training.learning.imitation import Imitation, told_grip
 from bike_training.learning.presets import Preset, load_preset
 from bike_training.learning.process import LearningProcess, make_environment
 from bike_training.learning.run_settings import RunSettings
-from tests.circuits import OVAL
 
 VEHICLE = "panigale_v4r"
 
 
 @pytest.fixture(scope="module")
-def preset(tmp_path_factory: pytest.TempPathFactory) -> Preset:
+def preset(oval: str) -> Preset:
     """Imitation and a few steps on an oval, on two roads that nobody tells of."""
-    circuit = tmp_path_factory.mktemp("circuits") / "oval.yaml"
-    circuit.write_text(OVAL)
     small = {
         "layers": "32",
         "environments": "4",
@@ -37,13 +37,15 @@ def preset(tmp_path_factory: pytest.TempPathFactory) -> Preset:
     changes = {f"learner.{name}": value for name, value in small.items()}
     changes |= {"learner.learning_starts": "20", "learner.layer_norm": "false", "learner.averaging": "0"}
     worlds = {"task.disturbances": "[road_090]", "task.max_steps": "50"}
-    return load_preset("race_adaptive").changed({**changes, **worlds, "curriculum.circuits": [str(circuit)]})
+    return load_preset("race_adaptive").changed({**changes, **worlds, "curriculum.circuits": [oval]})
 
 
-@pytest.fixture(autouse=True)
-def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(imitation, "DURATION", 4.0)
-    monkeypatch.setattr(imitation, "UPDATES", 150)
+@pytest.fixture(scope="module", autouse=True)
+def short() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(imitation, "DURATION", 4.0)
+        patch.setattr(imitation, "UPDATES", 150)
+        yield
 
 
 def settings(preset: Preset) -> RunSettings:
@@ -59,10 +61,17 @@ def imitate(preset: Preset, out: Path, rounds: int) -> Imitation:
         return found
 
 
+@pytest.fixture(scope="module")
+def whole(preset: Preset, short: None, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Actor]:
+    """The folder of an imitation, and its actor."""
+    folder = tmp_path_factory.mktemp("imitation") / "whole"
+    return folder, imitate(preset, folder, 2).actor()
+
+
+@pytest.mark.slow
 def test_an_interrupted_imitation_goes_on_as_if_never_stopped(
-    tmp_path: Path, preset: Preset, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, preset: Preset, whole: tuple[Path, Actor], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = imitate(preset, tmp_path / "whole", 2)
     rode = Imitation._ride
 
     def interrupted(self: Imitation) -> dict[str, np.ndarray]:
@@ -75,14 +84,17 @@ def test_an_interrupted_imitation_goes_on_as_if_never_stopped(
         with pytest.raises(KeyboardInterrupt):
             imitate(preset, tmp_path / "parts", 2)
     parts = imitate(preset, tmp_path / "parts", 2)
-    for name, tensor in whole.actor().tensors().items():
+    for name, tensor in whole[1].tensors().items():
         np.testing.assert_array_equal(parts.actor().tensors()[name], tensor)
 
 
 @pytest.mark.slow
-def test_the_learner_begins_as_the_actor_that_imitates_and_stays_near(tmp_path: Path, preset: Preset) -> None:
+def test_the_learner_begins_as_the_actor_that_imitates_and_stays_near(
+    tmp_path: Path, preset: Preset, whole: tuple[Path, Actor]
+) -> None:
     """It keeps it bit for bit while the critics learn alone, and moves on from there."""
-    imitated = imitate(preset, tmp_path / "run", 2).actor()
+    folder, imitated = whole
+    shutil.copytree(folder, tmp_path / "run")
     held = preset.changed({"learner.critic_steps": "44"})
     with closing(LearningProcess(settings(held), tmp_path / "run", 40)) as process:
         process.run()

@@ -333,13 +333,13 @@ def test_one_ride_is_shown_and_judged_as_in_a_batch(task):
     simulator.close()
 
 
-def test_machines_in_turn_are_shown_and_judged_as_each_alone():
+def test_machines_in_turn_are_shown_and_judged_as_each_alone(oval):
     """Rows that take two machines in turn give what one-machine batches of the same rides give, bit for bit."""
     task = replace(GUIDED_TASK, observation="conditioned", repeat=4)
     machines = ("panigale_v4r", "r1")
     requests = [
-        ResetRequest(course="barcelona", speed_range=(v, v), progress=p)
-        for v, p in ((30.0, 0.0), (25.0, 900.0), (20.0, 2000.0))
+        ResetRequest(course=oval, speed_range=(v, v), progress=p)
+        for v, p in ((30.0, 0.0), (25.0, 300.0), (20.0, 800.0))
     ]
     among = batch_of(task, 3, COMPILED, machines)
     alone = [batch_of(task, 1, replace(COMPILED, vehicle=machines[row % 2])) for row in range(3)]

@@ -75,7 +75,7 @@ def final_actor(preset: Preset, out: Path, steps: int, vehicle: str = VEHICLE, r
 
 
 @pytest.mark.slow
-def test_throttle_is_learned_in_seconds(tmp_path: Path, circuits: Circuits) -> None:
+def test_throttle_is_learned_in_seconds(tmp_path: Path) -> None:
     """Rewarded for the way alone, the actor opens the throttle: it is much faster on the straight than at first."""
     changes = {"learning_rate": 3e-3, "final_learning_rate": 3e-3, "learning_starts": 200, "averaging": 0.0}
     changes = {f"learner.{name}": value for name, value in {"gamma": 0.9, **changes}.items()}
@@ -100,9 +100,9 @@ def test_throttle_is_learned_in_seconds(tmp_path: Path, circuits: Circuits) -> N
     ids=["spdl", "guided machines"],
 )
 def test_a_resumed_run_is_the_uninterrupted_one(
-    tmp_path: Path, preset: Preset, changes: dict[str, str], vehicle: str
+    tmp_path: Path, preset: Preset, changes: dict[str, str], vehicle: str, oval: str
 ) -> None:
-    preset = preset.changed({**SMALL, "task.max_steps": "6", **changes})
+    preset = preset.changed({**SMALL, "task.max_steps": "6", "curriculum.circuits": [oval], **changes})
     constant = {"learner.learning_starts": 30, "learner.final_learning_rate": preset.sac.learning_rate}
     preset = preset.changed(constant)  # the same for any length
     whole = final_actor(preset, tmp_path / "whole", 120, vehicle)
@@ -117,8 +117,8 @@ def test_a_resumed_run_is_the_uninterrupted_one(
         np.testing.assert_array_equal(again[name], tensor, err_msg=name)
 
 
-def test_vehicles_that_are_kept_ride_the_next_validation_as_new_ones_do() -> None:
-    circuits = CircuitSet(load_vehicle(VEHICLE), ["barcelona"])
+def test_vehicles_that_are_kept_ride_the_next_validation_as_new_ones_do(oval: str) -> None:
+    circuits = CircuitSet(load_vehicle(VEHICLE), [oval])
     task = replace(RACE.task, validation_duration=3.0)
     config = settings(RACE).simulator()
     rng = np.random.default_rng(0)

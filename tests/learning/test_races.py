@@ -9,6 +9,7 @@ import pytest
 
 from bike_policy.contract.bundle import Actor, Bundle, load_bundle
 from bike_policy.contract.observation import COMPACT, GUIDED
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_training.cli import main
 from bike_training.commands.evaluate import _pairs
 from bike_training.rollout.races import SLOW, ride_races
@@ -84,7 +85,7 @@ def test_bicycle_policies_and_paths_are_refused() -> None:
     with pytest.raises(ValueError, match="follows paths; it cannot race"):
         ride_races(load_bundle("whipple"), "panigale_v4r", "barcelona", 1)
     with pytest.raises(ValueError, match="benchmark"):
-        ride_races(None, "panigale_v4r", "benchmark", 1)
+        ride_races(CLASSICAL_SETTINGS, "panigale_v4r", "benchmark", 1)
 
 
 def test_a_run_becomes_a_bundle_with_its_share_that_is_evaluated(

@@ -16,7 +16,6 @@ from bike_training.envs.race_env import RACE_TASK, RaceEnv, RaceParallelEnv
 from bike_training.tasks.race import RaceTask
 from tests.circuits import OVAL
 
-pytestmark = pytest.mark.usefixtures("own_lines")
 MACHINES = tuple(Entry(f"bike_{k}", "panigale_v4r", "classical") for k in range(3))
 
 

@@ -287,14 +287,12 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Compiles the physics here, where nobody waits: on a busy machine it takes minutes if nothing is cached."""
     circuit = oval(tmp_path_factory.mktemp("compiled"))
     defaults = {spec.name: spec.default for spec in SPECS}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("BIKE_CACHE", str(circuit.parent))
-        for changes in ({}, {"engine": "whipple"}, {"vehicle": "panigale_v4r", "course": str(circuit)}):
-            settings = NodeSettings.from_parameters(defaults | changes)
-            simulator = Simulator(settings.simulator)
-            simulator.reset(settings.request(simulator))
-            simulator.step(0.0)
-            simulator.close()
+    for changes in ({}, {"engine": "whipple"}, {"vehicle": "panigale_v4r", "course": str(circuit)}):
+        settings = NodeSettings.from_parameters(defaults | changes)
+        simulator = Simulator(settings.simulator)
+        simulator.reset(settings.request(simulator))
+        simulator.step(0.0)
+        simulator.close()
 
 
 def oval(folder: Path) -> Path:
@@ -308,7 +306,7 @@ def oval(folder: Path) -> Path:
 
 
 @pytest.fixture
-def circuit(own_lines: Path, tmp_path: Path) -> Path:
+def circuit(tmp_path: Path) -> Path:
     """A small circuit."""
     return oval(tmp_path)
 

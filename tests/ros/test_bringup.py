@@ -15,6 +15,7 @@ from bike_sim.ros.node_tools import ParameterSpec
 from bike_sim.ros.sim_node import SPECS, NodeSettings
 from bike_sim.ros.topics import TOPICS, type_name
 from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.race import entries_of
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_vehicle, shipped_superbikes
@@ -46,10 +47,12 @@ def paths(layout: Any) -> list[str]:
 
 
 SUPERBIKE = json.loads((BRINGUP / "foxglove" / "superbike.json").read_text())
+RACE = json.loads((BRINGUP / "foxglove" / "race.json").read_text())
 PATHS = paths(LAYOUT)
+OF_A_MACHINE = [path.replace("/bike_1/", "/bike/") for path in paths(RACE) if path.startswith("/bike_1/")]
 
 
-@pytest.mark.parametrize("path", [*PATHS, *paths(SUPERBIKE)])
+@pytest.mark.parametrize("path", [*PATHS, *paths(SUPERBIKE), *OF_A_MACHINE])
 def test_foxglove_shows_fields_that_exist(path: str) -> None:
     topic, field = path.split(".")
     assert field in fields(TOPIC_TYPES[topic])
@@ -70,7 +73,20 @@ def _clone(folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("layout", [LAYOUT, SUPERBIKE])
+def test_foxglove_shows_the_same_of_all_machines_of_a_race() -> None:
+    """Of those that a race has without names, and what the race says."""
+    names = [entry.name for entry in entries_of(["r1"] * 4)]
+    texts = [text for _, text in strings(RACE["configById"])] + list(RACE["configById"]["3D!race"]["topics"])
+    for name in names[1:]:
+        of_first = {text.replace(names[0], name) for text in texts if text.startswith(f"/{names[0]}/")}
+        missing = of_first - {text for text in texts if text.startswith(f"/{name}/")}
+        assert missing == {f"/{name}/course_marker"}
+    shown = {panel["topicPath"] for panel in RACE["configById"].values() if "topicPath" in panel}
+    assert shown == {"/race/events", "/race/standings"}
+    assert RACE["configById"]["3D!race"]["followTf"] == f"{names[0]}/base_footprint"
+
+
+@pytest.mark.parametrize("layout", [LAYOUT, SUPERBIKE, RACE])
 def test_foxglove_places_every_panel_that_it_configures_and_no_other(layout: Any) -> None:
     placed = [text for key, text in strings(layout["layout"]) if key in ("first", "second")]
     assert len(paths(layout)) >= 7

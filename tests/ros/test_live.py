@@ -344,6 +344,7 @@ def ridden_until(done: Callable[[], Any], told: list[dict[str, Any]], each: Call
         time.sleep(0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.ros
 def test_a_lap_is_ridden_by_keys_and_lies_beside_another(browser: webdriver.Chrome, tmp_path: Path) -> None:
     course = tmp_path / "small.yaml"

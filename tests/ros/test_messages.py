@@ -102,7 +102,7 @@ def test_bytes_of_a_stranger_are_a_message_or_one_error(
 
 
 @pytest.fixture(scope="module")
-def simulators(own_lines: Path) -> Iterator[dict[str, Simulator]]:
+def simulators() -> Iterator[dict[str, Simulator]]:
     """Simulators of a bicycle on both engines, of a rigid superbike and of one with suspension."""
     configs = {name: superbike_config(name) for name in ("panigale_v4r", "zx10rr_suspended")}
     configs |= {"whipple": SimulatorConfig(engine="whipple"), "whipple on pybullet": SimulatorConfig(time_step=0.005)}

@@ -15,22 +15,14 @@ from bike_sim.ros import node_tools
 from bike_sim.ros.messages import decode_opponents
 from bike_sim.schema import STATE
 from bike_sim.sim.race import Race, RaceSettings, entries_of
-from tests.circuits import OVAL
 
-pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("own_lines")]
+pytestmark = pytest.mark.ros
 
 MACHINES = {"one": "panigale_v4r", "two": "panigale_v4r"}
 ENTRIES = [f"{name}={vehicle}" for name, vehicle in MACHINES.items()]
 STEPS = 150
 PLANNED = 200.0
 """Longest wait for plans of all grips, s."""
-
-
-@pytest.fixture(scope="module")
-def oval(tmp_path_factory: pytest.TempPathFactory) -> str:
-    path = tmp_path_factory.mktemp("race") / "oval.yaml"
-    path.write_text(OVAL, encoding="utf-8")
-    return str(path)
 
 
 @pytest.mark.slow

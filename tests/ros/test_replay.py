@@ -159,7 +159,7 @@ def test_a_ride_by_the_clock_comes_out_the_same(ros, tmp_path: Path) -> None:
     assert len(applied) > 10
 
 
-def test_a_superbike_comes_out_the_same(ros, own_lines: Path, tmp_path: Path) -> None:
+def test_a_superbike_comes_out_the_same(ros, tmp_path: Path) -> None:
     """Its tyres, engine and rider have inner states that no message shows: they begin as the request says."""
     circuit = tmp_path / "ring.csv"
     angle = np.linspace(0.0, 2.0 * np.pi, 90, endpoint=False)

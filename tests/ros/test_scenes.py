@@ -20,7 +20,7 @@ from bike_training.envs.ros_client import RosClient
 from tests.same import assert_same
 from tests.sim.conftest import STADIUM
 
-pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled", "own_lines")]
+pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]
 
 BICYCLE, FINE = SimulatorConfig(time_step=0.005, history=7), SimulatorConfig(engine="whipple", time_step=0.005)
 SUPERBIKE = superbike_config("panigale_v4r")

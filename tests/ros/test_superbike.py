@@ -104,9 +104,7 @@ def test_aids_that_are_off_are_never_active(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def superbike(
-    own_lines: Path, shared_ros: RosFixture, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[StateProbe, Path]:
+def superbike(shared_ros: RosFixture, tmp_path_factory: pytest.TempPathFactory) -> tuple[StateProbe, Path]:
     """A simulator of a superbike on a circuit of its own."""
     circuit = oval(tmp_path_factory.mktemp("superbike"))
     shared_ros.simulator(vehicle="panigale_v4r", course=str(circuit), time_step=0.002, speed=20.0)

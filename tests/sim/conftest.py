@@ -1,4 +1,4 @@
-"""Small courses of each kind, quick to compute, for every vehicle; lines are kept for the session only."""
+"""Small courses of each kind, quick to compute, for every vehicle."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import math
 from pathlib import Path
 
 import pytest
-
-from tests.superbike.conftest import write_circuit
 
 STADIUM = """format: bike.track/1
 name: stadium
@@ -22,17 +20,11 @@ elements:
 """
 
 
-@pytest.fixture(scope="session", autouse=True)
-def own_cache(own_lines: Path) -> Path:
-    return own_lines
-
-
 @pytest.fixture(scope="session")
-def courses(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def courses(tmp_path_factory: pytest.TempPathFactory, kidney: Path) -> dict[str, str]:
     """Names and files of courses, by kind."""
     folder = tmp_path_factory.mktemp("courses")
     (folder / "stadium.yaml").write_text(STADIUM, encoding="utf-8")
-    write_circuit(folder / "kidney.csv")
     rows = "\n".join(f"{float(x):.3f},{2.0 * math.sin(x / 40.0):.6f}" for x in range(300))
     (folder / "open.csv").write_text(f"x_m,y_m\n{rows}\n", encoding="utf-8")
     return {
@@ -41,6 +33,6 @@ def courses(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         "random path": "random",
         "circuit": "cremona",
         "circuit file": str(folder / "stadium.yaml"),
-        "CSV of a circuit": str(folder / "kidney.csv"),
+        "CSV of a circuit": str(kidney),
         "CSV of a path": str(folder / "open.csv"),
     }

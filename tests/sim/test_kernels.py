@@ -25,6 +25,8 @@ def test_a_second_start_compiles_nothing() -> None:
     for _ in range(2):
         done = subprocess.run([sys.executable, "-c", RIDE], capture_output=True, text=True, timeout=250)
         assert done.returncode == 0, done.stderr
-    misses, functions = map(int, done.stdout.split())
+        misses, functions = map(int, done.stdout.split())
+        if misses == 0:
+            break  # there had been a first start
     assert misses == 0
     assert functions > 10

@@ -13,7 +13,7 @@ import pytest
 from bike_sim.course.lap_timing import EXACT, Timing
 from bike_sim.physics import state as st
 from bike_sim.physics.superbike.statics import turning_state
-from bike_sim.planning.line_cache import content_key, track_with_line
+from bike_sim.planning.line_cache import cache_folder, content_key, track_with_line
 from bike_sim.sim import beginning
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig, superbike_config
@@ -151,9 +151,9 @@ def test_timing_from_recorded_points_is_that_of_the_ride(machine: Simulator, cir
     ]
 
 
-def test_lines_are_kept_by_what_they_depend_on(machine: Simulator, circuit: Path, own_cache: Path) -> None:
+def test_lines_are_kept_by_what_they_depend_on(machine: Simulator, circuit: Path) -> None:
     track = track_with_line(circuit, machine.plant.envelope)
-    kept = own_cache / f"{content_key(track, machine.plant.envelope)}.npy"
+    kept = cache_folder() / f"{content_key(track, machine.plant.envelope)}.npy"
     assert kept.exists()
     kept.write_bytes(b"torn")
     again = track_with_line(circuit, machine.plant.envelope)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bike_policy.planning.grip import BIN, LEVEL, RESERVE, AdaptiveLaw, GripPlans
-from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, P_SPEED
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, P_SPEED, plan_line
 from bike_policy.planning.plan_verification import PlanFollower, verified_plan
 from bike_policy.riders.classical import ClassicalRider
 from bike_sim.sim import look as lk
@@ -128,9 +128,9 @@ def test_the_rider_of_a_node_rides_the_same(ridden, circuit: Path) -> None:
 @pytest.mark.parametrize("vehicle", ["gsxr1000", "r1_suspended"])
 def test_any_tyre_law_tells_the_known_road(vehicle: str, circuit: Path) -> None:
     config = SimulatorConfig(vehicle, "compiled", 0.002, 0.02)
-    batch = Batch(1, config)
-    law = AdaptiveLaw(load_superbike(vehicle), 0.02, CLASSICAL_SETTINGS)
-    batch.reset(0, batch.at_own_speed(0, ResetRequest(course=str(circuit))))
+    batch, machine = Batch(1, config), load_superbike(vehicle)
+    law = AdaptiveLaw(machine, 0.02, CLASSICAL_SETTINGS, 1, lambda line: plan_line(machine, line, CLASSICAL_SETTINGS))
+    batch.reset(0, batch.at_own_speed(0, ResetRequest(course=str(circuit), line=0.0)))
     law.begin(0, batch, batch.course(0))
     for _ in range(250):
         batch.step(law.commands(batch))

@@ -17,16 +17,14 @@ from bike_sim.sim.simulator import Simulator
 from bike_training.commands.declarations import _rider_kind
 from bike_training.rollout.optimum import LapSearch, Progress
 from bike_training.rollout.rollout import rollout
-from tests.circuits import OVAL
 
 SHIPPED = ("panigale_v4r", "cremona")
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def search(tmp_path_factory: pytest.TempPathFactory) -> LapSearch:
-    circuit = tmp_path_factory.mktemp("circuit") / "oval.yaml"
-    circuit.write_text(OVAL)
-    return LapSearch("panigale_v4r", circuit)
+def search(oval: str) -> LapSearch:
+    return LapSearch("panigale_v4r", oval)
 
 
 @pytest.fixture(scope="module")

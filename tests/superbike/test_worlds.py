@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from bike_policy.planning.lap_plan import CAREFUL_SETTINGS, CLASSICAL_SETTINGS
 from bike_sim.sim.disturbances import Disturbances, RoadChanges
 from bike_sim.sim.worlds import JUDGED, MACHINES, PREFIX, WorldRide, draw_ride, load_rides
 from bike_sim.vehicles.files import load_superbike
 from bike_training.commands import evaluate_worlds
-from bike_training.rollout.worlds import Ridden, classical, ride_told, ride_worlds, summary, wilson
+from bike_training.rollout.worlds import Ridden, ride_told, ride_worlds, summary, untold, wilson
 
 
 @pytest.fixture(scope="module")
@@ -31,11 +32,25 @@ def told(rides: list[WorldRide]) -> list[Ridden]:
 
 
 def test_a_ride_is_the_same_in_any_company(rides: list[WorldRide], told: list[Ridden]) -> None:
+    classical = untold(CLASSICAL_SETTINGS)
     together = ride_worlds(rides, classical)
     assert ride_worlds(rides[1:2], classical)[0] == together[1]
     assert (together[0].cause, together[1].cause) == ("", "")
     assert together[2].cause, "the patch throws a rider down that does not know of it"
     assert ride_told(rides[2:]) == told[2:], "the corrections are kept"
+
+
+def test_a_careful_rider_bears_a_patch_and_is_as_fast_where_it_has_been(circuit: Path) -> None:
+    patch = Disturbances(name="patch", road=RoadChanges(patches=((525.0, 585.0, 0.9),)))
+    rides = [
+        WorldRide(k, "panigale_v4r", str(circuit), 0.5, 0.7, world) for k, world in enumerate((Disturbances(), patch))
+    ]
+    careful, fast = (ride_worlds(rides, untold(settings)) for settings in (CAREFUL_SETTINGS, CLASSICAL_SETTINGS))
+    assert [ridden.cause for ridden in (*careful, *fast)] == ["", "", "", "low_side"]
+    first, second = careful[0].laps_s
+    assert second < 0.99 * first
+    assert second == pytest.approx(fast[0].lap_s, rel=5e-3)
+    assert careful[1].lap_s > second
 
 
 def test_the_oracle_rides_what_it_is_told(told: list[Ridden]) -> None:

@@ -17,13 +17,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.contract.bundle import Bundle
-from bike_policy.planning.grip import AdaptiveLaw
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.planning.plan_verification import BatchRider
 from bike_policy.riders.classical import CLASSICAL
 from bike_policy.riders.disturbed import DisturbedRider
-from bike_policy.riders.racing import PolicyBatch
 from bike_policy.riders.rider import Rider, bundle_of, make_rider
 from bike_sim.documents import DocumentError, alternatives, show
 from bike_sim.sim.batch import Batch
@@ -32,9 +29,9 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.worlds import load_worlds
 from bike_sim.vehicles.files import load_vehicle
-from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import read_json
 from bike_training.benchmark.tasks import BENCHMARKS, Benchmark, benchmark_of
+from bike_training.rollout.races import rider_of
 from bike_training.rollout.rollout import rollout, with_preview
 from bike_training.tasks.base import TaskState, batch_of
 from bike_training.tasks.race import RaceTask
@@ -181,7 +178,9 @@ def record_rider(benchmark: Benchmark, name: str, report: Report = lambda done, 
     if races != (name == CLASSICAL or (bundle is not None and bundle.layout.races)):
         raise ValueError(f"rider {show(name)} does not ride {benchmark.vehicle!r}, the vehicle of this task")
     if races:
-        return _ride(benchmark, rider=_batch_rider(benchmark, bundle), report=report)[0]
+        machine, period = load_vehicle(benchmark.vehicle), benchmark.config.control_period
+        racing = rider_of(bundle or CLASSICAL_SETTINGS, machine, period, benchmark.count)
+        return _ride(benchmark, rider=racing, report=report)[0]
     assert rider is not None, "the classical rider races"
     task = benchmark.judged_task()
     commands = np.full((task.max_steps * task.repeat, benchmark.count, 2), np.nan)
@@ -204,15 +203,6 @@ def _ride_alone(
                 break
     commands[: len(given)] = given
     commands[len(given) :] = 0.0  # where it gave up, what it left
-
-
-def _batch_rider(benchmark: Benchmark, bundle: Bundle | None) -> BatchRider:
-    """Return a racing policy, or the classical rider, for machines side by side."""
-    machine = load_vehicle(benchmark.vehicle)
-    assert isinstance(machine, Superbike), "races are for superbikes"
-    if bundle is not None:
-        return PolicyBatch(bundle, machine, machine.control_period, benchmark.count)
-    return AdaptiveLaw(machine, machine.control_period, CLASSICAL_SETTINGS, benchmark.count)
 
 
 # ------------------------------------------------------------------------------------------------------------- results

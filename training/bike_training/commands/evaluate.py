@@ -14,6 +14,7 @@ import numpy as np
 
 from bike_analysis.figures.cells import lines_of, table_text
 from bike_policy.contract.bundle import DEFAULT_RACER, load_bundle
+from bike_policy.riders.classical import SETTINGS
 from bike_policy.riders.disturbed import DisturbedRider
 from bike_policy.riders.instruments import Instruments
 from bike_policy.riders.rider import Rider, bundle_of, default_name, make_rider
@@ -202,7 +203,7 @@ def run_races(args: argparse.Namespace) -> dict[str, Any]:
         title = f"{name}, {machine}, {circuit}" + (f", {known.name}" if known.name != "none" else "")
         with progress_bar(title, "s", quiet=args.json) as bar:
             chosen = args.starts, args.laps, args.share
-            results.append(ride_races(bundle, machine, circuit, *chosen, setter(bar), known))
+            results.append(ride_races(bundle or SETTINGS[name], machine, circuit, *chosen, setter(bar), known))
     lost = [
         {**{name: each[name] for name in ("vehicle", "circuit", "disturbances")}, **ride}
         for each in results

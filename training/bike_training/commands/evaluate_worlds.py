@@ -14,6 +14,7 @@ from typing import Any, Final
 from bike_analysis.figures.cells import table_text
 from bike_policy.contract.bundle import DEFAULT_RACER, Bundle, load_bundle
 from bike_policy.planning.plan_verification import sources_digest
+from bike_policy.riders.classical import SETTINGS
 from bike_sim.sim.worlds import WorldRide, load_rides
 from bike_training.arguments import make_folder
 from bike_training.commands.declarations import SUPERBIKE
@@ -21,13 +22,12 @@ from bike_training.progress import progress_bar
 from bike_training.rollout.worlds import (
     LAPS,
     ORACLE,
-    classical,
-    policy,
     read_records,
     record_of,
     ride_told,
     ride_worlds,
     summary,
+    untold,
 )
 
 ORACLE_NAME: Final = "oracle"
@@ -87,7 +87,7 @@ def _ridden(
             if name == ORACLE_NAME:
                 ridden = ride_told(same, laps, report)
             else:
-                ridden = ride_worlds(same, classical if bundle is None else policy(bundle), laps, report)
+                ridden = ride_worlds(same, untold(bundle or SETTINGS[name]), laps, report)
             known |= {ride.key: record_of(ride, each) for ride, each in zip(same, ridden, strict=True)}
             _write(path, key, [known[ride.key] for ride in rides if ride.key in known])
     return [known[ride.key] for ride in rides]
@@ -96,7 +96,7 @@ def _ridden(
 def _write(path: Path, key: str, records: Records) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         file.write(f"{key}\n")
-        writer = csv.DictWriter(file, list(records[0]))
+        writer = csv.DictWriter(file, list(records[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(records)
 

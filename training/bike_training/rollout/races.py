@@ -11,7 +11,7 @@ import numpy as np
 
 from bike_policy.contract.bundle import Bundle
 from bike_policy.planning.grip import AdaptiveLaw
-from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
+from bike_policy.planning.lap_plan import RiderSettings
 from bike_policy.planning.plan_verification import BatchRider
 from bike_policy.riders.instruments import Instruments
 from bike_policy.riders.racing import PolicyBatch
@@ -23,6 +23,7 @@ from bike_sim.sim.config import superbike_config
 from bike_sim.sim.disturbances import Disturbances
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.snapshot import WALL
+from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_superbike
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.curricula.race import CircuitSet
@@ -40,7 +41,7 @@ TIME: Final = 1.4
 
 
 def ride_races(
-    bundle: Bundle | None,
+    rider: Bundle | RiderSettings,
     vehicle: str,
     circuit: str,
     starts: int = 100,
@@ -52,7 +53,7 @@ def ride_races(
     """Ride from starts all around a circuit.
 
     Args:
-        bundle: a policy that races; None for the classical rider.
+        rider: a policy that races, or the settings of a classical rider.
         vehicle: name or file of the machine.
         circuit: name or file of the circuit.
         starts: number of rides; they begin evenly around the circuit, at different speeds.
@@ -81,11 +82,13 @@ def ride_races(
     known = disturbances or Disturbances()
     instruments = Instruments([known] * starts, [machine] * starts, config.control_period)
     batch = Batch(starts, config, disturbances=known)
-    rider = _rider(bundle, batch, share)
+    if share is not None and isinstance(rider, Bundle):
+        rider = replace(rider, layout=replace(rider.layout, share=share))
+    riders = rider_of(rider, batch.vehicle, config.control_period, starts)
     for row in range(starts):
         request = _start(circuits, circuit, row, starts)
         batch.reset(row, request)
-        rider.begin(row, instruments.begin(row, batch), batch.course(row))
+        riders.begin(row, instruments.begin(row, batch), batch.course(row))
     limits = batch.plant(0).envelope
     assert limits is not None, "superbikes have limits"
     theory = closest_lap(circuit, limits)
@@ -95,7 +98,7 @@ def ride_races(
     for step in range(round(TIME * theory * (laps + 1) / config.control_period)):
         if step % TELL_EVERY == 0:
             report(round(step * config.control_period), round(theory * (laps + 1)))
-        commands = instruments.acting(rider.commands(instruments.shown(batch), step))
+        commands = instruments.acting(riders.commands(instruments.shown(batch), step))
         riding = ~batch.fallen & (_finished(batch) < laps)
         if not riding.any():
             break
@@ -148,14 +151,19 @@ def ride_races(
     return figures
 
 
-def _rider(bundle: Bundle | None, batch: Batch, share: float | None) -> BatchRider:
-    """Return a policy with its share of the planned speed, or the classical rider, for all rows of a batch."""
-    machine, period = batch.vehicle, batch.config.control_period
-    if bundle is not None:
-        layout = bundle.layout if share is None else replace(bundle.layout, share=share)
-        return PolicyBatch(replace(bundle, layout=layout), machine, period, batch.count)
+def rider_of(rider: Bundle | RiderSettings, machine: Vehicle, period: float, count: int) -> BatchRider:
+    """Return a rider of machines side by side.
+
+    Args:
+        rider: a policy that races, or the settings of a classical rider.
+        machine: a superbike.
+        period: control period, s.
+        count: number of machines.
+    """
+    if isinstance(rider, Bundle):
+        return PolicyBatch(rider, machine, period, count)
     assert isinstance(machine, Superbike), "laps are ridden on superbikes"
-    return AdaptiveLaw(machine, period, CLASSICAL_SETTINGS, batch.count)
+    return AdaptiveLaw(machine, period, rider, count)
 
 
 def _lost(start: int, fall: str, arc_length: float, length: float) -> dict[str, Any]:

@@ -21,12 +21,11 @@ from numpy.typing import NDArray
 from bike_analysis.sweeps.statistics import bootstrap
 from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.observation import VehicleRows
-from bike_policy.planning.grip import UNSEEN, AdaptiveLaw, HeldLeans
-from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, plan_line
+from bike_policy.planning.grip import HeldLeans
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, RiderSettings, plan_line
 from bike_policy.planning.line_law import LineLaw, seen_of
 from bike_policy.planning.plan_verification import ROUNDS, BatchRider, lower_before, sources_digest
 from bike_policy.riders.instruments import Instruments
-from bike_policy.riders.racing import PolicyBatch
 from bike_sim.course.course import Course
 from bike_sim.planning.line_cache import cache_folder, read_column, write_column
 from bike_sim.sim import look as lk
@@ -37,7 +36,7 @@ from bike_sim.sim.plant import ridden_superbike
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.worlds import PREFIX, WorldRide
 from bike_sim.vehicles.superbike import Superbike
-from bike_training.rollout.races import OFF_TRACK, SLOW, TELL_EVERY
+from bike_training.rollout.races import OFF_TRACK, SLOW, TELL_EVERY, rider_of
 
 FloatArray = NDArray[np.float64]
 
@@ -82,20 +81,9 @@ class Ridden(NamedTuple):
         return math.nan if self.cause else float(np.mean(self.laps_s[1:]))
 
 
-def classical(batch: Batch, rides: Sequence[WorldRide]) -> BatchRider:
-    """Return the classical rider of all rows, whose plans follow the inferred grip."""
-    return AdaptiveLaw(_machine(batch), batch.config.control_period, CLASSICAL_SETTINGS, batch.count)
-
-
-def careful(batch: Batch, rides: Sequence[WorldRide]) -> BatchRider:
-    """Return the same, who expects less grip where no lap has been."""
-    period = batch.config.control_period
-    return AdaptiveLaw(_machine(batch), period, CLASSICAL_SETTINGS, batch.count, unseen=UNSEEN)
-
-
-def policy(bundle: Bundle) -> RiderOf:
-    """Return what makes riders of a policy that races."""
-    return lambda batch, rides: PolicyBatch(bundle, batch.vehicle, batch.config.control_period, batch.count)
+def untold(rider: Bundle | RiderSettings) -> RiderOf:
+    """Return what makes riders of a policy that races, or of the settings of a classical rider."""
+    return lambda batch, rides: rider_of(rider, batch.vehicle, batch.config.control_period, batch.count)
 
 
 def ride_worlds(

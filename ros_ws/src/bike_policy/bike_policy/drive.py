@@ -45,8 +45,8 @@ SPECS: Final = (
     ParameterSpec(
         "policy",
         DEFAULT,
-        "whipple, lqr, mpc or stanley; racer, generalist, adaptive, spdl_barcelona or classical; the folder of a "
-        "bundle; or default (or nothing), which chooses by the vehicle that the simulator holds. In a race classical "
+        "whipple, lqr, mpc or stanley; racer, generalist, adaptive, spdl_barcelona, classical or careful; the folder "
+        "of a bundle; or default (or nothing), which chooses by the vehicle that is simulated. In a race classical "
         "sees the others; solo: in front of any name rides it as if it were alone.",
         fixed=True,
     ),

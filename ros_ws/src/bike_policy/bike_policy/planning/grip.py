@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Final
 
@@ -47,8 +48,6 @@ RESERVE: Final = 0.02
 """Grip that plans for less than the known one keep in reserve: they have not been ridden to verify them."""
 HELD: Final = 0.95
 """Part of the lateral acceleration that the grip allows which a rider leans for where there is less than known."""
-UNSEEN: Final = 0.12
-"""Grip that careful riders keep in reserve where no lap has been."""
 _STEP: Final = 1e-3
 
 LEVEL: Final = 0.01
@@ -57,6 +56,8 @@ BIN: Final = 25.0
 """Length of the parts of a lap of which the grip is remembered, m."""
 AHEAD: Final = 4
 """Parts ahead whose grip in the lap before counts."""
+CAREFUL_AHEAD: Final = 8
+"""The same of careful riders, who come from a road of more grip: at full lean 100 m are too short to brake."""
 
 _STORED: Final = ("grip", "variance", "expected", "_part", "_lap", "_state")
 _NAMES: Final = (
@@ -84,7 +85,7 @@ class GripMemory:
             count: number of machines.
             unseen: grip by which less is expected where no lap has been.
         """
-        self._unseen = unseen
+        self._unseen, self._ahead = unseen, np.arange(1, (CAREFUL_AHEAD if unseen else AHEAD) + 1)
         self._tyres = vehicle.machine["rear_tyre"], vehicle.machine["front_tyre"]
         self._weight, self._period = vehicle.mass * vehicle.g, period
         self.grip, self.variance, self.expected = np.ones(count), np.full(count, FIRST_ERROR**2), np.ones(count)
@@ -141,7 +142,7 @@ class GripMemory:
         entered = part != self._part
         self._lap[every, part] = np.where(entered, grip, np.minimum(grip, self._lap[every, part]))
         self._part = part
-        ahead = (part[:, None] + np.arange(1, AHEAD + 1)) % self._parts[:, None]
+        ahead = (part[:, None] + self._ahead) % self._parts[:, None]
         found = self._lap[every[:, None], ahead]
         blind = np.minimum(grip, 1.0) - self._unseen if self._unseen else grip
         return np.minimum(grip, np.where(np.isfinite(found), found, blind[:, None]).min(axis=1))
@@ -253,7 +254,6 @@ class AdaptiveLaw:
         settings: RiderSettings,
         count: int = 1,
         plan: Planner | None = None,
-        unseen: float = 0.0,
     ) -> None:
         """Prepare for a number of rides.
 
@@ -263,17 +263,17 @@ class AdaptiveLaw:
             settings: how to ride.
             count: number of rides.
             plan: plans a lap of a line on the known road; None for a verified plan.
-            unseen: grip by which less is expected where no lap has been.
         """
-        plan = plan or (lambda line: verified_plan(vehicle, line, settings, period))
-        self.memory = GripMemory(vehicle, period, count, unseen)
+        known = replace(settings, unseen=0.0)  # plans are verified on the known road
+        plan = plan or (lambda line: verified_plan(vehicle, line, known, period))
+        self.memory = GripMemory(vehicle, period, count, settings.unseen)
         self.law = LineLaw(vehicle, period, settings, count)
         self.observer = RideObserver(vehicle, period, count)
         self._leans = HeldLeans(vehicle, settings, self.law.leans)
         self._planned = lru_cache(maxsize=KEPT)(lambda line: GripPlans(vehicle, line, settings, plan(line)))
         self._plans: dict[int, GripPlans] = {}
         self._level = np.ones(count)
-        self._careful = unseen > 0.0
+        self._careful = settings.unseen > 0.0
 
     def plans(self, line: Course) -> GripPlans:
         """Return the plans of a line, made once for the same object.

@@ -1,9 +1,19 @@
 """Racing others by rule, compiled: from what is seen of them to a distance from the line and a pace.
 
-The classical law (`line_law`) rides to both targets, so a rider among others is the lone one with other targets. The
-rules: keep a gap to who is in the way; pull out where there is room and time to pass, on the inside of the next corner
-if it does not matter; leave room to whoever is beside; before a corner hold the inside once against who is close
-behind; in a wake on a straight ask for more than the planned speed. Numbers are estimates.
+The classical law (`line_law`) rides to both targets, so a rider among others is the lone one with other targets.
+
+Speeds are compared at the same place: a machine that rides r times the planned speed of where it is gains or loses
+r - 1 on the plan, whether it brakes or drives. Who is behind rides as fast as who is ahead at the same place and keeps
+a time behind, so both brake at the same place and neither has to brake harder than it would alone.
+
+- Who is ahead by any part of a machine is followed, unless it is being passed.
+- A pass begins where the side is free and the difference of speed ends it before the next turn-in, goes on as long as
+  that holds, and is given up before who is being passed turns in.
+- Beside another, nobody comes nearer than the clearance, whoever is ahead.
+- Before a corner, one move to the inside against who is close behind, if that one is not beside.
+- In a wake on a straight more than the planned speed is asked for.
+
+Numbers are estimates.
 """
 
 from __future__ import annotations
@@ -28,7 +38,7 @@ from bike_policy.planning.line_law import (
     plan_at,
     seen_of,
 )
-from bike_sim.schema import FLAG, OPPONENT_SLOTS, Quantity, Schema
+from bike_sim.schema import FLAG, OPPONENT, OPPONENT_SLOTS, Quantity, Schema
 
 FloatArray = NDArray[np.float64]
 
@@ -42,31 +52,47 @@ CRAFT: Final = Schema(
 """Memory of a ride."""
 _OFFSET, _SIDE, _DEFENDING = range(3)
 
-CLEARANCE: Final = 1.4
-"""Distance from another machine's middle to that of one that passes it or is beside, m; 0.7 m is a touch."""
-ABREAST: Final = 2.0
-"""The same across from which on another is not in the way before and in a corner, m."""
-ASTRAY: Final = 0.04
-"""Part of the planned speed that is given up before and in a corner for each m beyond half of one beside the target."""
 MACHINE: Final = 2.1
 """Length of a machine, m."""
-GAP: Final = 2.0
-HEADWAY: Final = 0.08
-"""Gap to who is in the way, m, and what speed adds to it, s."""
-CLOSE_IN: Final = 1.2
-"""Rate at which a gap is closed, 1/s."""
+CLEARANCE: Final = 1.8
+"""Distance from another machine's middle to that of one that passes it or is beside, m; 0.7 m is a touch."""
+CLEAR: Final = 1.1
+"""The same from which on who is being passed is not in the way, m."""
+ABREAST: Final = 2.5
+"""The same from which on nobody ahead on a straight is in the way, m."""
+HEADWAY: Final = 0.2
+SPACING: Final = 3.6
+"""Time behind who is ahead, s, and distance that is added to it at the slowest place ahead, m, from place to place, so
+that no more of it is asked for on the brake; half the time, and the distance here, where that one is being passed."""
+FOLLOW_RATE: Final = 0.6
+"""Part of the speed that is given up for each second of headway that is missing, 1/s."""
+DROP_BACK: Final = 3.0
+"""Speed at which a machine drops back at most, m/s."""
 PULL_OUT: Final = 2.5
-"""Time to the other machine at which a pass begins, s."""
-TRIED: Final = 12.0
-"""Gap from which on no pass is tried where the other is not slower, m."""
+"""Time before it would have to slow at which a pass begins, s."""
+GAIN: Final = 0.01
+"""Part of the speed that is gained at least in a pass."""
 LEANT: Final = 6.0
-"""Lateral acceleration from which on no pass begins, m/s^2."""
-AHEAD: Final = 2.5
-LOOKS: Final = 6
-"""Time that is looked ahead for corners, braking and room, s, in so many steps."""
+"""Lateral acceleration of a corner, m/s^2."""
+AHEAD: Final = 5.0
+LOOKS: Final = 20
+"""Time that is looked ahead for corners, s, in so many steps."""
+NEAR: Final = 2.5
+"""Time that is looked ahead for braking and room, s."""
+SETTLED: Final = 0.8
+"""Time before turn-in at which a pass has to be over, s; twice that for one that begins."""
+BRAKING: Final = 7.0
+"""Deceleration before what stands in the way, m/s^2."""
 MOVE_RATE: Final = 1.6
+CORNER_RATE: Final = 0.5
 ESCAPE_RATE: Final = 4.0
-"""Rates at which the target moves, m/s: by choice, and to leave room or avoid what stands in the way."""
+"""Rates at which the target moves, m/s: by choice, in a corner, and to leave room or avoid what stands in the way."""
+SETTLING: Final = 1.8
+ESCAPE_TIME: Final = 0.8
+"""Time constants with which the target is reached, s: by choice, without an overshoot of the machine, for the law
+answers the rate of a target too, with a zero at 0.55 rad/s; and otherwise."""
+ASTRAY: Final = 0.04
+"""Part of the planned speed that is given up before and in a corner for each m beyond half of one beside the target."""
 DRAFT: Final = 0.04
 """Part of the planned speed that is asked beyond it in a wake."""
 DEFENDED: Final = 1.0
@@ -74,6 +100,7 @@ DEFENDED: Final = 1.0
 SLOWEST: Final = 0.5
 """Part of the planned speed that is asked at least."""
 _AHEAD, _SECOND, _LEFT, _RIGHT, _BEHIND = range(len(OPPONENT_SLOTS))
+_SEEN, _X, _Y, _VX, _VY = range(len(OPPONENT))
 
 
 @njit(cache=True)
@@ -100,8 +127,8 @@ def _room(plans: Plans, row: int, s: float, speed: float, offset: float) -> floa
     """Return the room on the side of an offset here and ahead, m: a line at an apex is as near to it as it may be."""
     column = P_LEFT if offset > 0.0 else P_RIGHT
     room = math.inf
-    for look in range(LOOKS):
-        room = min(room, plan_at(plans, row, column, s + AHEAD * look / (LOOKS - 1) * speed))
+    for look in range(6):
+        room = min(room, plan_at(plans, row, column, s + NEAR * look / 5 * speed))
     return room
 
 
@@ -130,73 +157,143 @@ def _decide(
     observed: FloatArray, points: FloatArray, others: FloatArray, memory: FloatArray, plans: Plans, row: int,
     period: float, target: FloatArray,
 ) -> None:  # fmt: skip
-    speed, s = max(observed[SPEED], 1.0), observed[PROGRESS]
-    planned = plan_at(plans, row, P_SPEED, s)
-    braking, corner, corner_at = False, 0.0, AHEAD
-    for look in range(LOOKS):
-        ahead = AHEAD * look / (LOOKS - 1)
-        place = s + ahead * speed
-        braking = braking or plan_at(plans, row, P_LONGITUDINAL, place) < -1.0
-        bend = plan_at(plans, row, P_CURVATURE, place)
-        if corner == 0.0 and abs(bend) * plan_at(plans, row, P_SPEED, place) ** 2 > LEANT:
-            corner, corner_at = math.copysign(1.0, bend), ahead
-    wish, pace, rate = 0.0, 0.0, MOVE_RATE
-    leader = others[_AHEAD]
-    if leader[0] > 0.0:
-        aside = _aside(points, observed, leader[1], leader[2])
-        gap = math.hypot(leader[1], leader[2]) - MACHINE
-        theirs, closing = max(speed + leader[3], 0.0), -leader[3]
-        standing = theirs < 0.5 * speed
-        contact_in = gap / closing if closing > 0.1 else math.inf
-        if memory[_SIDE] == 0.0 and (standing or corner_at > 0.3 or corner == 0.0):
-            near = contact_in < PULL_OUT or (gap < TRIED and planned > theirs + 0.5)
-            if near or (standing and contact_in < 2.0 * PULL_OUT):
-                memory[_SIDE] = _side(aside, corner, memory[_OFFSET], plans, row, s, speed)
-        if not near_enough(gap, contact_in):
-            memory[_SIDE] = 0.0
-        side = memory[_SIDE]
-        if side != 0.0:
-            wish = aside + side * CLEARANCE
-            if standing:
-                rate = ESCAPE_RATE
-            if abs(wish) > _room(plans, row, s, speed, wish):
-                memory[_SIDE], wish = 0.0, 0.0
-        # Before and in corners lines converge, and who is ahead takes the corner first.
-        beside = ABREAST if braking or corner != 0.0 else 0.8 * CLEARANCE
-        if abs(aside - observed[LATERAL_ERROR]) < beside:  # in the way
-            wanted = GAP + HEADWAY * theirs
-            allowed = theirs + CLOSE_IN * (gap - wanted)
-            if standing:
-                allowed = math.sqrt(theirs**2 + 2.0 * 7.0 * max(gap - GAP, 0.0))
-            pace = min(max(allowed, 0.0) / planned - 1.0, 0.0)
-        if pace == 0.0 and gap < 60.0 and not braking and corner == 0.0:
-            pace = DRAFT
-    elif others[_LEFT, 0] == 0.0 and others[_RIGHT, 0] == 0.0:
-        memory[_SIDE] = 0.0
-    if memory[_SIDE] == 0.0:
-        wish = _defend(others[_BEHIND], memory, corner, corner_at, wish)
-    low, high = -math.inf, math.inf
-    if others[_LEFT, 0] > 0.0:
-        high = _aside(points, observed, others[_LEFT, 1], others[_LEFT, 2]) - CLEARANCE
-    if others[_RIGHT, 0] > 0.0:
-        low = _aside(points, observed, others[_RIGHT, 1], others[_RIGHT, 2]) + CLEARANCE
+    speed, s, here = max(observed[SPEED], 1.0), observed[PROGRESS], observed[LATERAL_ERROR]
+    planned = max(plan_at(plans, row, P_SPEED, s), 1.0)
+    braking, corner, turn_in, slowest = _road(plans, row, s, speed)
+    asides, ratios = np.zeros(len(others)), np.ones(len(others))
+    low, high, standing = -math.inf, math.inf, False
+    for k in range(len(others)):
+        if others[k, _SEEN] == 0.0:
+            continue
+        asides[k] = _aside(points, observed, others[k, _X], others[k, _Y])
+        theirs = math.hypot(speed + others[k, _VX], others[k, _VY])
+        ratios[k] = theirs / max(plan_at(plans, row, P_SPEED, s + others[k, _X]), 1.0)
+        if abs(others[k, _X]) < MACHINE + 1.0 and (k in (_LEFT, _RIGHT) or abs(asides[k] - here) > 0.5 * CLEARANCE):
+            if asides[k] > here:
+                high = min(high, asides[k] - CLEARANCE)
+            else:
+                low = max(low, asides[k] + CLEARANCE)
     if low > high:
         low = high = 0.5 * (low + high)
+    # a pass: who is it, does it end before the turn-in?
+    side = memory[_SIDE]
+    passed = _AHEAD
+    if side != 0.0 and others[_RIGHT if side > 0.0 else _LEFT, _SEEN] > 0.0:
+        passed = _RIGHT if side > 0.0 else _LEFT
+    other, wish, rate = others[passed], 0.0, MOVE_RATE if turn_in > 0.4 else CORNER_RATE
+    if other[_SEEN] == 0.0:
+        side = 0.0
+    else:
+        standing = ratios[passed] * plan_at(plans, row, P_SPEED, s + other[_X]) < 0.5 * speed
+        gain = max(speed / planned, 1.0) - ratios[passed]
+        ends = (other[_X] + MACHINE) / (gain * speed) if gain > GAIN else math.inf
+        goes = standing or other[_X] <= 0.0 or ends < turn_in - (1.0 if side != 0.0 else 2.0) * SETTLED
+        if not goes:
+            side = 0.0
+        elif side == 0.0 and (standing or turn_in > 0.0):
+            free = other[_X] - (HEADWAY + SPACING / slowest) * speed
+            if (standing and abs(asides[passed]) < ABREAST) or (not standing and free < PULL_OUT * gain * speed):
+                side = _side(asides[passed], corner, memory[_OFFSET], low, high, others, asides, plans, row, s, speed)
+        if side != 0.0:
+            wish = side * max(side * asides[passed] + CLEARANCE, 0.0)
+            if other[_X] > MACHINE and abs(wish) > _room(plans, row, s, speed, wish):
+                side, wish = 0.0, 0.0
+            elif standing:
+                rate = ESCAPE_RATE
+    memory[_SIDE] = side
+    # followed is who is ahead by any part of a machine, but for the one that is being passed
+    pace = math.inf
+    for k in range(_BEHIND):
+        if others[k, _SEEN] == 0.0 or others[k, _X] <= 0.0:
+            continue
+        theirs = ratios[k] * plan_at(plans, row, P_SPEED, s + others[k, _X])
+        passing, lying = side != 0.0 and k == passed, theirs < 0.5 * speed
+        apart = asides[k] - here
+        soon = apart + others[k, _VY]  # within a second
+        apart = 0.0 if apart * soon < 0.0 else min(abs(apart), abs(soon))
+        if passing and apart > CLEAR:
+            continue
+        if (turn_in > 1.0 or lying) and min(apart, abs(asides[k] - memory[_OFFSET])) > ABREAST:
+            continue
+        if lying:
+            gap = max(others[k, _X] - SPACING, 0.0)
+            pace = min(pace, math.sqrt(theirs**2 + 2.0 * BRAKING * gap) / planned - 1.0)
+            continue
+        headway = 0.5 * HEADWAY + SPACING / speed if passing else HEADWAY + SPACING / slowest
+        missing = headway - others[k, _X] / speed
+        keep = ratios[k] * (1.0 - FOLLOW_RATE * missing)
+        pace = min(pace, max(keep, ratios[k] - DROP_BACK / speed) - 1.0)
+    if side == 0.0:
+        wish = _defend(others[_BEHIND], memory, corner, turn_in, wish)
+    straight = not braking and turn_in > NEAR
+    near = others[_AHEAD, _SEEN] > 0.0 and others[_AHEAD, _X] < 60.0
+    pace = min(pace, DRAFT if straight and (near or side != 0.0) else 0.0)
     held = min(max(wish, low), high)
     room = _room(plans, row, s, speed, held)
     held = min(max(held, -room), room)
     offset = memory[_OFFSET]
     if offset < low or offset > high or abs(offset) > _room(plans, row, s, speed, offset):
         rate = ESCAPE_RATE
-    step = rate * period
-    offset = memory[_OFFSET] = offset + min(max(held - offset, -step), step)
-    for look in range(LOOKS):  # inside the line the corner is tighter
-        bend = plan_at(plans, row, P_CURVATURE, s + 0.6 * AHEAD * look / (LOOKS - 1) * speed)
+    move = (held - offset) / (ESCAPE_TIME if rate == ESCAPE_RATE else SETTLING)
+    offset = memory[_OFFSET] = offset + period * min(max(move, -rate), rate)
+    for look in range(6):  # inside the line the corner is tighter
+        bend = plan_at(plans, row, P_CURVATURE, s + 0.3 * look * speed)
         if bend * offset > 0.0:
             pace = min(pace, -0.5 * min(bend * offset, 0.5))
-    if corner != 0.0:  # who is not where it wants to be has to turn harder than planned
-        pace = min(pace, -ASTRAY * max(abs(observed[LATERAL_ERROR] - offset) - 0.5, 0.0))
+    if turn_in < NEAR:  # who is not where it wants to be has to turn harder than planned
+        pace = min(pace, -ASTRAY * max(abs(here - offset) - 0.5, 0.0))
     target[0], target[1] = offset, max(pace, SLOWEST - 1.0)
+
+
+@njit(cache=True)
+def _road(plans: Plans, row: int, s: float, speed: float) -> tuple[bool, float, float, float]:
+    """Return whether the plan brakes soon, the side of the next corner, when it begins, s, and the slowest speed, m/s.
+
+    The side is 1 for left, -1 for right, 0 for none in sight.
+    """
+    braking, slowest, corner, turn_in = False, speed, 0.0, math.inf
+    for look in range(LOOKS + 1):
+        ahead = AHEAD * look / LOOKS
+        place = s + ahead * speed
+        planned, bend = plan_at(plans, row, P_SPEED, place), plan_at(plans, row, P_CURVATURE, place)
+        slowest = min(slowest, planned)
+        braking = braking or (ahead <= NEAR and plan_at(plans, row, P_LONGITUDINAL, place) < -1.0)
+        if corner == 0.0 and abs(bend) * planned**2 > LEANT:
+            corner, turn_in = math.copysign(1.0, bend), ahead
+    return braking, corner, turn_in, max(slowest, 1.0)
+
+
+@njit(cache=True)
+def _side(
+    aside: float, corner: float, offset: float, low: float, high: float, others: FloatArray, asides: FloatArray,
+    plans: Plans, row: int, s: float, speed: float,
+) -> float:  # fmt: skip
+    """Return the side on which to pass another that lies beside the line (m): 1 left, -1 right, 0 where is no room."""
+    best, found = math.inf, 0.0
+    for side in (1.0, -1.0):
+        wish = side * max(side * aside + CLEARANCE, 0.0)
+        if not low <= wish <= high or abs(wish) > _room(plans, row, s, speed, wish):
+            continue
+        taken = False  # by who is ahead of the other, or comes from behind
+        for k in (_SECOND, _BEHIND):
+            reach = SPACING + max(-others[k, _VX] if k == _SECOND else others[k, _VX], 0.0) * PULL_OUT
+            near = others[k, _SEEN] > 0.0 and abs(others[k, _X]) < reach + (MACHINE if k == _BEHIND else 20.0)
+            taken = taken or (near and abs(asides[k] - wish) < CLEARANCE)
+        cost = abs(wish - offset) + 0.3 * abs(wish) - 0.7 * side * corner
+        if not taken and cost < best:
+            best, found = cost, side
+    return found
+
+
+@njit(cache=True)
+def _defend(follower: FloatArray, memory: FloatArray, corner: float, turn_in: float, wish: float) -> float:
+    """Return the target with one move to the inside before a corner, where another is close behind."""
+    if corner == 0.0 or turn_in > NEAR:
+        memory[_DEFENDING] = 0.0
+    elif memory[_DEFENDING] == 0.0 and turn_in > 1.0:
+        close = follower[_SEEN] > 0.0 and -follower[_X] < MACHINE + 4.0 and follower[_VX] > 0.0
+        memory[_DEFENDING] = corner * DEFENDED if close else 0.0
+    return memory[_DEFENDING] if memory[_DEFENDING] != 0.0 and turn_in > 0.3 else wish
 
 
 class Racecraft:
@@ -223,34 +320,3 @@ class Racecraft:
         points, opponents = np.ascontiguousarray(rows.points[:, 0]), np.ascontiguousarray(rows.opponents)
         race_targets(seen, points, opponents, self.memory, self._law.plans, period, self._targets)
         return self._targets
-
-
-@njit(cache=True)
-def near_enough(gap: float, contact_in: float) -> bool:
-    """Return whether a pass goes on: the other machine is near (m) or will be (s)."""
-    return gap < 2.0 * TRIED or contact_in < 2.0 * PULL_OUT
-
-
-@njit(cache=True)
-def _side(aside: float, corner: float, offset: float, plans: Plans, row: int, s: float, speed: float) -> float:
-    """Return the side on which to pass another that lies beside the line (m): 1 left, -1 right, 0 where is no room."""
-    best, found = math.inf, 0.0
-    for side in (1.0, -1.0):
-        wish = aside + side * CLEARANCE
-        if abs(wish) > _room(plans, row, s, speed, wish):
-            continue
-        cost = abs(wish - offset) + 0.3 * abs(wish) - 0.7 * side * corner
-        if cost < best:
-            best, found = cost, side
-    return found
-
-
-@njit(cache=True)
-def _defend(follower: FloatArray, memory: FloatArray, corner: float, corner_at: float, wish: float) -> float:
-    """Return the target with one move to the inside before a corner, where another is close behind."""
-    if corner == 0.0:
-        memory[_DEFENDING] = 0.0
-    elif memory[_DEFENDING] == 0.0 and corner_at > 1.0:
-        close = follower[0] > 0.0 and -follower[1] < MACHINE + 4.0 and follower[3] > 0.0
-        memory[_DEFENDING] = corner * DEFENDED if close else 0.0
-    return memory[_DEFENDING] if memory[_DEFENDING] != 0.0 and corner_at > 0.3 else wish

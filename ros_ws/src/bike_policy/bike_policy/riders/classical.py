@@ -33,7 +33,7 @@ import numpy as np
 
 from bike_policy.contract.observation import rows_of
 from bike_policy.planning.grip import AdaptiveLaw, GripMemory
-from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, RiderSettings
+from bike_policy.planning.lap_plan import CAREFUL_SETTINGS, CLASSICAL_SETTINGS, LinePlan, RiderSettings
 from bike_policy.planning.line_law import seen_of
 from bike_policy.planning.racecraft import Racecraft
 from bike_sim.course.course import Course
@@ -44,6 +44,10 @@ from bike_sim.vehicles.superbike import Superbike
 
 CLASSICAL: Final = "classical"
 """Name of this rider."""
+CAREFUL: Final = "careful"
+"""Name of the same rider where it keeps grip in reserve on road that it has not ridden yet."""
+SETTINGS: Final = {CLASSICAL: CLASSICAL_SETTINGS, CAREFUL: CAREFUL_SETTINGS}
+"""Settings of both."""
 
 
 class ClassicalRider:
@@ -101,3 +105,13 @@ class ClassicalRider:
             targets = self._craft.targets(rows, self._period)
         steering, throttle = self._law.commands(rows, targets=targets)[0].tolist()
         return steering, throttle
+
+
+class CarefulRider(ClassicalRider):
+    """The same, for a road that nobody tells of."""
+
+    name = CAREFUL
+
+    def __init__(self) -> None:
+        """Take the settings of the rider."""
+        super().__init__(CAREFUL_SETTINGS)

@@ -51,6 +51,7 @@ class Rider(Protocol):
 
 
 RIDERS: Final[Mapping[str, tuple[str, str]]] = {
+    "careful": ("bike_policy.riders.classical", "CarefulRider"),
     "classical": ("bike_policy.riders.classical", "ClassicalRider"),
     "lqr": ("bike_policy.riders.lqr", "LqrRider"),
     "mpc": ("bike_policy.riders.mpc", "MpcRider"),

@@ -1,0 +1,173 @@
+"""Racing by rule in constructed situations: a straight that ends in a corner, and others placed around a machine."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from bike_policy.planning import racecraft as rc
+from bike_policy.planning.lap_plan import P_CURVATURE, P_LEFT, P_LONGITUDINAL, P_RIGHT, P_SPEED, PLAN
+from bike_policy.planning.line_law import LATERAL_ERROR, PROGRESS, SEEN, SPEED
+from bike_sim.schema import OPPONENT, OPPONENT_SLOTS
+
+PERIOD = 0.02
+SPACING = 5.0
+STRAIGHT, CORNER = 1500.0, 200.0
+FAST, SLOW = 60.0, 22.0
+BRAKES = 9.0
+BRAKING_AT = STRAIGHT - (FAST**2 - SLOW**2) / (2.0 * BRAKES)
+ROOM = 4.0
+Plans = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def plan_of(turn: float = 1.0) -> Plans:
+    """Return the plan of a straight at 60 m/s, its braking, and a corner to the left (1) or right (-1)."""
+    s = np.arange(0.0, STRAIGHT + CORNER + SPACING, SPACING)
+    table = np.zeros((len(s), len(PLAN)))
+    braking = (s > BRAKING_AT) & (s < STRAIGHT)
+    table[:, P_SPEED] = np.where(s < STRAIGHT, FAST, SLOW)
+    table[braking, P_SPEED] = np.sqrt(FAST**2 - 2.0 * BRAKES * (s[braking] - BRAKING_AT))
+    table[braking, P_LONGITUDINAL] = -BRAKES
+    table[:, P_CURVATURE] = np.where(s < STRAIGHT, 0.0, turn / 45.0)
+    table[:, [P_LEFT, P_RIGHT]] = ROOM
+    return table, np.zeros(1, dtype=np.int64), np.array([len(s) - 2]), np.array([SPACING])
+
+
+class Rider:
+    """One machine on the straight; its line is the x axis."""
+
+    def __init__(self, s: float, speed: float = FAST, turn: float = 1.0, side: float = 0.0) -> None:
+        self.plans, self.memory = plan_of(turn), np.zeros((1, len(rc.CRAFT)))
+        self.memory[0, 1] = side
+        self.s, self.speed, self.aside = s, speed, 0.0
+
+    def targets(self, **others: tuple[float, float, float]) -> tuple[float, float]:
+        """Return offset and pace; others by slot as distance ahead and to the left (m) and speed (m/s)."""
+        observed, seen = np.zeros((1, SEEN)), np.zeros((1, len(OPPONENT_SLOTS), len(OPPONENT)))
+        observed[0, [SPEED, PROGRESS, LATERAL_ERROR]] = self.speed, self.s, self.aside
+        for slot, (ahead, left, speed) in others.items():
+            seen[0, OPPONENT_SLOTS.index(slot)] = 1.0, ahead, left - self.aside, speed - self.speed, 0.0
+        points = np.zeros((1, 20, 3))
+        points[0, :, 0], points[0, :, 1] = 10.0 * np.arange(20), -self.aside
+        out = np.zeros((1, 2))
+        rc.race_targets(observed, points, seen, self.memory, self.plans, PERIOD, out)
+        return float(out[0, 0]), float(out[0, 1])
+
+    @property
+    def side(self) -> float:
+        """Side on which it passes."""
+        return float(self.memory[0, 1])
+
+
+PLANNED = plan_of()[0][:, P_SPEED]
+
+
+def planned(s: float) -> float:
+    """Return the planned speed at a place."""
+    return float(np.interp(s, SPACING * np.arange(len(PLANNED)), PLANNED))
+
+
+@pytest.mark.parametrize(("slower", "behind"), [(1.0, 25.0), (0.9, 40.0)])
+def test_headway_lets_a_machine_brake_with_the_one_ahead(slower: float, behind: float) -> None:
+    """Behind one that rides the plan or a tenth slower, up to the corner: never nearer than half a machine's length,
+    and no harder on the brake than the plan is."""
+    rider, leader = Rider(400.0), 400.0 + behind
+    rider.plans[0][:, [P_LEFT, P_RIGHT]] = 1.0  # no room to pass
+    pace, gaps, braking = 0.0, [], 0.0
+    while leader < STRAIGHT + 100.0:
+        _, wanted = rider.targets(ahead_1=(leader - rider.s, 0.0, slower * planned(leader)))
+        pace += PERIOD / 0.3 * (wanted - pace)
+        before, rider.speed = rider.speed, (1.0 + pace) * planned(rider.s)
+        braking = max(braking, (before - rider.speed) / PERIOD)
+        rider.s, leader = rider.s + PERIOD * rider.speed, leader + PERIOD * slower * planned(leader)
+        gaps.append(leader - rider.s - rc.MACHINE)
+    assert min(gaps) > 0.5 * rc.MACHINE
+    assert braking < 1.2 * BRAKES
+    assert gaps[-1] < 30.0  # it does follow
+
+
+@pytest.mark.parametrize(
+    ("to_corner", "theirs", "passes"), [(900.0, 50.0, True), (150.0, 50.0, False), (900.0, 59.8, False)]
+)
+def test_a_pass_begins_where_it_ends_before_the_turn_in(to_corner: float, theirs: float, passes: bool) -> None:
+    """It takes a difference of speed and a straight that is long enough."""
+    rider = Rider(STRAIGHT - to_corner)
+    rider.targets(ahead_1=(18.0, 0.0, theirs))
+    assert (rider.side != 0.0) == passes
+
+
+def test_no_pass_where_is_no_room_or_somebody_else() -> None:
+    """Not off the circuit, and not into who is beside or comes from behind."""
+    blocked = {"left": (0.0, 2.5, FAST), "right": (0.0, -2.5, FAST)}
+    for others in (blocked, blocked | {"behind": (-3.0, -2.0, FAST + 5.0)}):
+        rider = Rider(STRAIGHT - 900.0)
+        rider.targets(ahead_1=(15.0, 0.0, 40.0), **others)
+        assert rider.side == 0.0
+    rider = Rider(STRAIGHT - 900.0)
+    rider.plans[0][:, [P_LEFT, P_RIGHT]] = 1.0
+    rider.targets(ahead_1=(15.0, 0.0, 40.0))
+    assert rider.side == 0.0
+
+
+@pytest.mark.parametrize("ahead", [-1.5, 0.0, 1.5])
+@pytest.mark.parametrize("to_corner", [900.0, 20.0, -100.0])
+def test_beside_another_nobody_comes_nearer(ahead: float, to_corner: float) -> None:
+    """Whoever is ahead leaves room, on the straight and in the corner, also where the line lies beyond the other."""
+    rider = Rider(STRAIGHT - to_corner, speed=planned(STRAIGHT - to_corner))
+    rider.aside = rider.memory[0, 0] = 2.5
+    for _ in range(200):
+        offset, _ = rider.targets(right=(ahead, 0.5, rider.speed))
+        assert offset >= 0.5 + rc.CLEARANCE
+    free = Rider(rider.s, speed=rider.speed)
+    free.memory[0, 0] = 2.5
+    assert [free.targets() for _ in range(500)][-1][0] == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_pass_that_cannot_be_ended_is_given_up_in_time() -> None:
+    """With the corner too near, who is behind by a part of a machine drops back beside; who is ahead goes on."""
+    for ahead, gives_up in ((1.5, True), (-0.5, False)):
+        rider = Rider(BRAKING_AT + 60.0, speed=planned(BRAKING_AT + 60.0), side=1.0)
+        rider.aside = rider.memory[0, 0] = 2.0
+        theirs = planned(rider.s + ahead)
+        offset, pace = rider.targets(right=(ahead, 0.0, theirs))
+        assert (rider.side == 0.0) == gives_up
+        assert ((1.0 + pace) * planned(rider.s) < theirs - 1.0) == gives_up
+        assert offset >= rc.CLEARANCE
+
+
+def test_what_stands_in_the_way_is_passed_or_braked_for() -> None:
+    """In a corner as well; beside the way it does not matter."""
+    rider = Rider(STRAIGHT + 20.0, speed=SLOW)
+    assert rider.targets(ahead_1=(20.0, 4.0, 0.0)) == (0.0, 0.0)
+    rider = Rider(STRAIGHT + 20.0, speed=SLOW)
+    _, pace = rider.targets(ahead_1=(40.0, 0.0, 0.0))
+    assert rider.side != 0.0
+    rider.plans[0][:, [P_LEFT, P_RIGHT]] = 1.0
+    _, pace = rider.targets(ahead_1=(20.0, 0.0, 0.0))
+    assert rider.side == 0.0
+    assert (1.0 + pace) * SLOW <= math.sqrt(2.0 * rc.BRAKING * 20.0)
+
+
+def test_the_mirrored_situation_gives_the_mirrored_answer() -> None:
+    """Left and right are alike."""
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        s, aside, side = rng.uniform(0.0, STRAIGHT + CORNER), rng.uniform(-3.0, 3.0), float(rng.integers(-1, 2))
+        ways = {"ahead_1": (3.0, 40.0), "ahead_2": (40.0, 60.0), "left": (-2.0, 2.0), "behind": (-20.0, -3.0)}
+        seen = {
+            slot: (rng.uniform(*way), aside + rng.uniform(0.7, 3.0) * (1.0 if slot == "left" else rng.choice([-1, 1])),
+                   rng.uniform(0.8, 1.05) * planned(s))
+            for slot, way in ways.items() if rng.random() < 0.6
+        }  # fmt: skip
+        answers = []
+        for sign in (1.0, -1.0):
+            rider = Rider(s, planned(s), sign, sign * side)
+            rider.aside = rider.memory[0, 0] = sign * aside
+            slots = {"left": "right"} if sign < 0.0 else {}
+            offset, pace = rider.targets(
+                **{slots.get(slot, slot): (x, sign * y, speed) for slot, (x, y, speed) in seen.items()}
+            )
+            answers.append((sign * offset, pace, sign * rider.side))
+        assert answers[0] == pytest.approx(answers[1], abs=1e-12)
