@@ -30,7 +30,7 @@ from safetensors.numpy import load_file, save_file
 from bike_policy.contract.bundle import Actor
 from bike_policy.contract.observation import PROGRESS, RACE_TERMS, Rows
 from bike_policy.planning.grip import AdaptiveLaw, GripMemory
-from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
+from bike_policy.planning.lap_plan import CAREFUL_SETTINGS
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.learning.networks import Weights, actor_of, forward, weights_of
@@ -64,7 +64,7 @@ DURATION: Final = 60.0
 """Of a round, s."""
 UPDATES: Final = 2500
 """Updates after each round; after the last one `LAST` times as many."""
-LAST: Final = 10
+LAST: Final = 8
 BATCH: Final = 1024
 RATE: Final = 1e-3
 FOLDER: Final = "imitation"
@@ -113,7 +113,7 @@ class Teacher:
             assert isinstance(vehicle, Superbike), "races are ridden on superbikes"
             own = worlds[part :: self._kinds]
             self._delays.append(np.array([held + world.command_delay_s for world in own]))
-            self._laws.append(AdaptiveLaw(vehicle, period, CLASSICAL_SETTINGS, len(own)))
+            self._laws.append(AdaptiveLaw(vehicle, period, CAREFUL_SETTINGS, len(own)))
 
     def begin(self, row: int, rng: np.random.Generator) -> None:
         """Begin a ride, which may know the grip as after a lap.
