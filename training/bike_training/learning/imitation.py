@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 from safetensors.numpy import load_file, save_file
 
 from bike_policy.contract.bundle import Actor
-from bike_policy.contract.observation import PROGRESS, Rows
+from bike_policy.contract.observation import PROGRESS, RACE_TERMS, Rows
 from bike_policy.planning.grip import AdaptiveLaw, GripMemory
-from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
+from bike_policy.planning.lap_plan import CAREFUL_SETTINGS
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.learning.networks import Weights, actor_of, forward, weights_of
@@ -47,6 +47,8 @@ SURE: Final = 0.035
 """Standard deviation of the inferred grip that asks for no caution."""
 STEERED: Final = 10.0
 """Weight of the squared error of the lean request by that of throttle and brake."""
+FAR: Final = 8.0
+"""What the weight of a decision grows by for the squared distance from the line, 1/m^2: there the limits are near."""
 NOISE: Final = (0.006, 0.03)
 """Standard deviation of what is added to lean request and drive of half of the rows, so that the actor sees how to
 come back."""
@@ -62,7 +64,7 @@ DURATION: Final = 60.0
 """Of a round, s."""
 UPDATES: Final = 2500
 """Updates after each round; after the last one `LAST` times as many."""
-LAST: Final = 4
+LAST: Final = 8
 BATCH: Final = 1024
 RATE: Final = 1e-3
 FOLDER: Final = "imitation"
@@ -111,7 +113,7 @@ class Teacher:
             assert isinstance(vehicle, Superbike), "races are ridden on superbikes"
             own = worlds[part :: self._kinds]
             self._delays.append(np.array([held + world.command_delay_s for world in own]))
-            self._laws.append(AdaptiveLaw(vehicle, period, CLASSICAL_SETTINGS, len(own)))
+            self._laws.append(AdaptiveLaw(vehicle, period, CAREFUL_SETTINGS, len(own)))
 
     def begin(self, row: int, rng: np.random.Generator) -> None:
         """Begin a ride, which may know the grip as after a lap.
@@ -181,9 +183,11 @@ class Imitation:
         self._seen: list[NDArray[np.float32]] = []
         self._shown: list[NDArray[np.float32]] = []
 
+        line = env.task.layout.places["line"]
+
         @jax.jit
         def update(weights: Any, moments: Any, seen: Any, shown: Any, rate: Any) -> Any:
-            value, slope = jax.value_and_grad(_cost)(weights, seen, shown)
+            value, slope = jax.value_and_grad(_cost)(weights, seen, shown, _importance(seen[:, line]))
             move, moments = rule.update(slope, moments)
             return jax.tree.map(lambda w, m: w - rate * m, weights, move), moments, value
 
@@ -294,7 +298,13 @@ def _drawn(sizes: tuple[int, ...], seed: int) -> Weights:
     ]
 
 
-def _cost(weights: Weights, seen: jax.Array, shown: jax.Array) -> jax.Array:
-    """Return the mean squared error of the actions, those of the lean request weighted."""
+def _importance(line: jax.Array) -> jax.Array:
+    """Return the weight of each decision from what it sees of the line, shape (n, 1)."""
+    scale = np.asarray(RACE_TERMS["line"].scale)[-1]
+    return 1.0 + FAR * (scale * line[:, -1:]) ** 2
+
+
+def _cost(weights: Weights, seen: jax.Array, shown: jax.Array, each: jax.Array) -> jax.Array:
+    """Return the mean squared error of the actions, those of the lean request weighted, and each decision."""
     error = jnp.tanh(forward(weights, seen)) - shown
-    return jnp.mean(jnp.array([STEERED, 1.0]) * error**2)
+    return jnp.mean(each * jnp.array([STEERED, 1.0]) * error**2)

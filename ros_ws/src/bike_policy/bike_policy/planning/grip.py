@@ -6,7 +6,8 @@ of a second is enough. The grip may change with the distance ridden.
 
 The rider changes between plans of the same line: the verified one of the known road, and slower ones for less grip.
 Where the lap before had less grip, it is ridden more slowly from a little ahead on. A careful rider also expects less
-grip where it has not been yet: what a patch takes at full lean, no answer gives back.
+grip where it has not been yet: what a patch takes at full lean, no answer gives back. And it does not drive while the
+handlebars shake: drive unloads the front wheel, and on bumps a light one wobbles until the machine falls.
 """
 
 from __future__ import annotations
@@ -48,6 +49,10 @@ RESERVE: Final = 0.02
 """Grip that plans for less than the known one keep in reserve: they have not been ridden to verify them."""
 HELD: Final = 0.95
 """Part of the lateral acceleration that the grip allows which a rider leans for where there is less than known."""
+SHAKING: Final = 0.4
+"""Mean magnitude of the steer rate at which handlebars shake, rad/s."""
+SHAKING_MEMORY: Final = 0.2
+"""Time constant of that mean, s."""
 _STEP: Final = 1e-3
 
 LEVEL: Final = 0.01
@@ -273,7 +278,8 @@ class AdaptiveLaw:
         self._planned = lru_cache(maxsize=KEPT)(lambda line: GripPlans(vehicle, line, settings, plan(line)))
         self._plans: dict[int, GripPlans] = {}
         self._level = np.ones(count)
-        self._careful = settings.unseen > 0.0
+        self._careful, self._keeps = settings.unseen > 0.0, math.exp(-period / SHAKING_MEMORY)
+        self._shaking, self._steer_rate = np.zeros(count), np.full(count, np.nan)
 
     def plans(self, line: Course) -> GripPlans:
         """Return the plans of a line, made once for the same object.
@@ -293,7 +299,7 @@ class AdaptiveLaw:
         self.law.begin(row, plans.on(1.0))
         self.memory.begin(row, line)
         self.observer.begin(row, line)
-        self._level[row] = 1.0
+        self._level[row], self._shaking[row], self._steer_rate[row] = 1.0, 0.0, np.nan
 
     def commands(self, rows: VehicleRows, step: int = 0, targets: FloatArray | None = None) -> FloatArray:
         """Return steering and throttle in [-1, 1], shape (n, 2); the same ones again for the same rows.
@@ -337,11 +343,24 @@ class AdaptiveLaw:
             self.law.change(row, self._plans[row].on(float(level[row])), seen[row])
         self._level = level
         leans = self._leans.at(np.nan_to_num(rows.look[:, SPEED]), grip)
-        return self.law.commands(seen, targets, leans, rates, delays)
+        commands = self.law.commands(seen, targets, leans, rates, delays)
+        if self._careful:
+            commands[:, 1] = np.where(self._shakes(rows), np.minimum(commands[:, 1], 0.0), commands[:, 1])
+        return commands
+
+    def _shakes(self, rows: VehicleRows) -> NDArray[np.bool_]:
+        """Take in the steer rates and return whether handlebars shake, shape (n,); the same again for the same rows."""
+        rate = np.nan_to_num(rows.state[:, STATE.index("steer_rate")])
+        mean = self._keeps * self._shaking + (1.0 - self._keeps) * np.abs(rate)
+        self._shaking = np.where(rate != self._steer_rate, mean, self._shaking)
+        self._steer_rate = rate
+        shakes: NDArray[np.bool_] = self._shaking > SHAKING
+        return shakes
 
     def state_dict(self) -> dict[str, Any]:
         """Return what is remembered of the rides, as arrays."""
         law = {"law": self.law.memory.copy(), "level": self._level.copy(), "observer": self.observer.state_dict()}
+        law |= {"shaking": self._shaking.copy(), "steer_rate": self._steer_rate.copy()}
         return law | self.memory.state_dict()
 
     def restore(self, stored: Mapping[str, Any]) -> None:
@@ -349,6 +368,7 @@ class AdaptiveLaw:
         self.memory.restore(stored)
         self.observer.restore(stored["observer"])
         self._level = stored["level"].copy()
+        self._shaking, self._steer_rate = stored["shaking"].copy(), stored["steer_rate"].copy()
         for row in np.flatnonzero(self._level != 1.0).tolist():
             self.law.change(row, self._plans[row].on(float(self._level[row])), stored["law"][row, :SEEN])
         self.law.memory[...] = stored["law"]
