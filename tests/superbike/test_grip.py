@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bike_policy.contract.observation import Rows
 from bike_policy.planning.grip import BIN, LEVEL, RESERVE, AdaptiveLaw, GripPlans
-from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, P_SPEED, plan_line
+from bike_policy.planning.lap_plan import CAREFUL_SETTINGS, CLASSICAL_SETTINGS, P_SPEED, plan_line
 from bike_policy.planning.plan_verification import PlanFollower, verified_plan
 from bike_policy.riders.classical import ClassicalRider
+from bike_sim.schema import STATE
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
@@ -100,18 +102,39 @@ def test_plans_fall_with_the_grip(panigale: Superbike, circuit: Path) -> None:
 def test_a_ride_goes_on_from_what_is_kept(panigale: Superbike, circuit: Path) -> None:
     batch = Batch(1, CONFIG, disturbances=ROADS[1])
     batch.reset(0, batch.at_own_speed(0, ResetRequest(course=str(circuit))))
-    laws = [AdaptiveLaw(panigale, CONFIG.control_period, CLASSICAL_SETTINGS) for _ in range(2)]
+    laws = [AdaptiveLaw(panigale, CONFIG.control_period, CAREFUL_SETTINGS) for _ in range(2)]
     for law in laws:
         law.begin(0, batch, batch.course(0))
     for _ in range(300):
         batch.step(laws[0].commands(batch))
     assert laws[0].memory.grip[0] < 0.95
+    assert laws[0]._shaking[0] > 0.0
     laws[1].restore(laws[0].state_dict())
     for _ in range(100):
         commands = laws[0].commands(batch)
         np.testing.assert_array_equal(laws[1].commands(batch), commands)
         np.testing.assert_array_equal(laws[0].commands(batch), commands)
         batch.step(commands)
+
+
+def test_a_careful_rider_does_not_drive_while_the_handlebars_shake(panigale: Superbike, circuit: Path) -> None:
+    batch = Batch(1, CONFIG)
+    batch.reset(0, ResetRequest(course=str(circuit), speed_share=0.5))
+    laws = [
+        AdaptiveLaw(panigale, CONFIG.control_period, settings) for settings in (CAREFUL_SETTINGS, CLASSICAL_SETTINGS)
+    ]
+    for law in laws:
+        law.begin(0, batch, batch.course(0))
+    drives = []
+    for step in range(40):
+        state = batch.state.copy()
+        state[0, STATE.index("steer_rate")] = (-1.0) ** step
+        rows = Rows(state, batch.look, batch.preview_y, batch.signals, batch.circuit, batch.points, batch.fallen)
+        drives.append([law.follow(rows, np.ones(1), np.ones(1))[0, 1] for law in laws])
+        assert [law.follow(rows, np.ones(1), np.ones(1))[0, 1] for law in laws] == drives[-1]
+    careful, classical = np.array(drives).T
+    assert careful[0] == classical[0] > 0.5
+    assert careful[-1] <= 0.0 < classical[-1]
 
 
 def test_the_rider_of_a_node_rides_the_same(ridden, circuit: Path) -> None:
