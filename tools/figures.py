@@ -29,6 +29,7 @@ from textwrap import dedent, fill
 from typing import Any, Final
 
 import numpy as np
+from scipy.stats import chi2
 from scipy.stats import t as student
 
 from bike_analysis.figures.cells import cells, markdown
@@ -260,31 +261,25 @@ def random_circuits(name: str) -> str:
     return markdown([names, *rows]) + origin(DATA / f"{name}.csv")
 
 
+RACE_SUMS: Final = {
+    "thrown": "machines that a contact threw down", "other_falls": "other falls", "passes": "passes",
+    "contacts": "contacts", "avoidable": "avoidable contacts", "passed_through": "passed through each other unnoticed",
+}  # fmt: skip
+
+
 def race_totals(name: str) -> str:
-    """Return totals of races by pair of machines; behind rates stands half of their 95 % interval (Poisson)."""
-    pairs_of: dict[str, list[dict[str, str]]] = defaultdict(list)
-    for row in read_records(name):
-        pairs_of[row["machines"]].append(row)
-        pairs_of["all"].append(row)
-    pairs_of["all"] = pairs_of.pop("all")
-    rows = []
-    for machines, found in pairs_of.items():
-        sums = {key: sum(float(row[key]) for row in found) for key in RACE_SUMS}
-        rates = [
-            f"{total / len(found):.2f} ± {1.96 * total**0.5 / len(found):.2f}" for total in list(sums.values())[:5]
-        ]
-        ended = sum(row["ended"] == "True" for row in found)
-        same = sum(row["replay"] == "same" for row in found)
-        ends = [f"{ended} of {len(found)}", f"{sums['finished']:.0f} of {6 * len(found)}"]
-        rows.append(
-            [machines.replace("+", ", "), *ends, *rates, f"{sums['passed_through']:.0f}", f"{same} of {len(found)}"]
-        )
-    names = ("machines", "ended", "finished", "thrown a race", "other falls a race", "passes a race", "contacts a race")
-    names += ("avoidable a race", "passed through", "the same again")
-    return markdown([names, *rows]) + origin(DATA / f"{name}.csv")
-
-
-RACE_SUMS: Final = ("thrown", "other_falls", "passes", "contacts", "avoidable", "finished", "passed_through")
+    """Return totals of races, and rates with their exact 95 % intervals of a Poisson process."""
+    races, rows = read_records(name), []
+    for key, title in RACE_SUMS.items():
+        total = sum(int(row[key]) for row in races)
+        low, high = 0.5 * chi2.ppf(0.025, 2 * total) if total else 0.0, 0.5 * chi2.ppf(0.975, 2 * total + 2)
+        rate, *ends = (f"{value / len(races):.2f}" for value in (total, low, high))
+        rows.append([title, str(total), f"{rate} ({ends[0]} to {ends[1]})"])
+    ended, same = sum(row["ended"] == "True" for row in races), sum(row["replay"] == "same" for row in races)
+    rows.append(["races that ended; the same again from their commands", f"{ended}; {same} of {len(races)}", ""])
+    finished = sum(int(row["finished"]) for row in races)
+    rows.append(["machines that finished", f"{finished} of {6 * len(races)}", ""])
+    return markdown([["figure", "sum", "a race"], *rows]) + origin(DATA / f"{name}.csv")
 
 
 def headline(name: str) -> str:

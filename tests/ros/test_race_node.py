@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from bike_sim.ros import node_tools
 from bike_sim.ros.messages import decode_opponents
 from bike_sim.schema import STATE
 from bike_sim.sim.race import Race, RaceSettings, entries_of
+from bike_training.nodes.race_recording import RecordedRace
 
 pytestmark = pytest.mark.ros
 
@@ -26,9 +28,10 @@ PLANNED = 200.0
 
 
 @pytest.mark.slow
-def test_race_of_nodes_is_that_of_the_process_and_outlives_one_of_them(ros: Any, oval: str) -> None:
+def test_race_of_nodes_is_that_of_the_process_and_outlives_one_of_them(ros: Any, oval: str, tmp_path: Path) -> None:
     """Lockstep: states and what is seen of others are the same bit for bit, of a gamepad that nobody touches and of a
-    rider; a machine whose driver is killed rolls out, and is driven by who is started again.
+    rider; one recording of all of it replays; a machine whose driver is killed rolls out, and is driven by who is
+    started again.
     """
     race = Race(RaceSettings(oval, 2, entries_of(ENTRIES), 0.0))
     field = RaceField(["", "classical"], race.batch.vehicles, race.batch.config.control_period)
@@ -45,6 +48,8 @@ def test_race_of_nodes_is_that_of_the_process_and_outlives_one_of_them(ros: Any,
     witness = ros.sender()
     heard = {name: witness.listen(BikeState, f"/{name}/state", node_tools.SENDER_QOS) for name in MACHINES}
     seen = witness.listen(Opponents, "/two/opponents", node_tools.SENDER_QOS)
+    written = ros.start("bike_sim.ros.record", all_topics=True, path=str(tmp_path / "race.mcap"))
+    witness.until(lambda: "recording to" in written.words)
     hands = ros.start("bike_policy.joy", namespace="one")
     rider = ros.start("bike_policy.drive", namespace="two", policy="classical")
     witness.until(lambda: heard["two"] and heard["two"][-1].step >= STEPS, PLANNED)
@@ -56,6 +61,11 @@ def test_race_of_nodes_is_that_of_the_process_and_outlives_one_of_them(ros: Any,
         np.testing.assert_array_equal(others[step], seen_here[step])
     assert others[0][0, 0] == 1.0
     assert any(state.throttle_command != 0.0 for state in heard["two"])
+    written.end(signal.SIGINT)
+    recorded = RecordedRace.read(tmp_path / "race.mcap")
+    assert [entry.name for entry in recorded.settings.entries] == list(MACHINES)
+    assert len(recorded.states) > STEPS
+    assert recorded.replay() == (len(recorded.states), "")
     rider.end(signal.SIGKILL)
     witness.until(lambda: "commands of two have stopped: it rolls out" in node.words)
     stopped = heard["one"][-1].step

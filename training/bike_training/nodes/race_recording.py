@@ -1,7 +1,7 @@
 """A race in one recording: the states of every machine in a namespace of its own, and what happened between them.
 
 `bike analyze --namespace /NAME` reads a machine of it as any ride. The race itself, as settings and riders, stands in
-the notes, so that it can be raced again from the recorded commands (`RecordedRace`).
+the notes, or of a race of nodes in a topic, so that it can be raced again from the recorded commands (`RecordedRace`).
 """
 
 from __future__ import annotations
@@ -44,8 +44,11 @@ RACE_EVENTS: Final = "/race/events"
 """What happened between machines, as JSON in ``std_msgs/String``."""
 RACE_RESULT: Final = "/race/result"
 """Classification and gaps at the end, as JSON in ``std_msgs/String``."""
+RACE_SETTINGS: Final = "/race/settings"
+"""Settings of a race of nodes, as JSON in ``std_msgs/String``; those of a race of one process are a note."""
 NOTE: Final = "race"
 COMMANDS: Final = ("steering_command", "throttle_command")
+FIELDS: Final = (*st.FIELDS, "speed", *COMMANDS, "step")
 
 
 class RaceRecorder(AbstractContextManager["RaceRecorder"]):
@@ -165,15 +168,17 @@ class RecordedRace:
             RecordingError: it is no recording of a race, or not a whole one.
         """
         names = _namespaces(path)
-        notes = read_recording(path, names[0]).notes if names else {}
-        if NOTE not in notes:
+        readers, events, texts = _read(path, names)
+        card = texts.get(RACE_SETTINGS) or (read_recording(path, names[0]).notes.get(NOTE) if names else None)
+        if not card:
             raise RecordingError(f"{path} is no recording of a race; `bike race` writes one")
-        settings = RaceSettings.from_card(json.loads(notes[NOTE]))
-        columns, events, result = _read(path, [entry.name for entry in settings.entries])
+        settings = RaceSettings.from_card(json.loads(card))
+        columns = _tables(path, readers, [entry.name for entry in settings.entries])
+        result = json.loads(texts.get(RACE_RESULT, "{}"))
         steps = min(len(table[0]) for table in columns)
         states = np.stack([np.stack(table[:10], axis=1)[:steps] for table in columns], axis=1)
         speeds = np.stack([table[10][:steps] for table in columns], axis=1)
-        commands = np.stack([np.stack(table[11:], axis=1)[1:steps] for table in columns], axis=1)
+        commands = np.stack([np.stack(table[11:13], axis=1)[1:steps] for table in columns], axis=1)
         return cls(settings, states, speeds, commands, tuple(events), result)
 
     def replay(self) -> tuple[int, str]:
@@ -209,12 +214,11 @@ def _namespaces(path: Path) -> list[str]:
     return sorted(topic.removesuffix("/state") for topic in topics if topic.endswith("/state"))
 
 
-def _read(path: Path, names: Sequence[str]) -> tuple[list[list[FloatArray]], list[RaceEvent], dict[str, Any]]:
-    """Return states, speed and commands of each machine, field by field, what happened, and the result."""
-    fields = (*st.FIELDS, "speed", *COMMANDS)
+def _read(path: Path, names: Sequence[str]) -> tuple[dict[str, ColumnReader], list[RaceEvent], dict[str, str]]:
+    """Return states by namespace, what happened, and the last text on the other topics of the race."""
     readers: dict[str, ColumnReader] = {}
     events: list[RaceEvent] = []
-    result: dict[str, Any] = {}
+    texts: dict[str, str] = {}
     for file in find_files(path):
         box = Container(file)
         for block in box.blocks():
@@ -229,13 +233,27 @@ def _read(path: Path, names: Sequence[str]) -> tuple[list[list[FloatArray]], lis
                     for row in rows.tolist():
                         entry = json.loads(schema.decode(block.data(row)).data)
                         events.append(RaceEvent(**{**entry, "names": tuple(entry["names"])}))
-                elif channel.topic == RACE_RESULT:
-                    result = json.loads(schema.decode(block.data(int(rows[-1]))).data)
-                elif channel.topic.removesuffix("/state").lstrip("/") in names and channel.topic.endswith("/state"):
-                    reader = readers.setdefault(channel.topic, ColumnReader(schema, fields))
+                elif channel.topic in (RACE_RESULT, RACE_SETTINGS):
+                    texts[channel.topic] = schema.decode(block.data(int(rows[-1]))).data
+                elif channel.topic.removesuffix("/state") in names and channel.topic.endswith("/state"):
+                    reader = readers.setdefault(channel.topic, ColumnReader(schema, FIELDS))
                     reader.add_block(block.contents, block.begin[rows], block.end[rows])
-    missing = [name for name in names if f"/{name}/state" not in readers]
-    if missing:
-        raise RecordingError(f"{path} holds no states of machine {missing[0]!r}")
-    tables = [readers[f"/{name}/state"].finish() for name in names]
-    return [[np.asarray(table[field], dtype=np.float64) for field in fields] for table in tables], events, result
+    return readers, events, texts
+
+
+def _tables(path: Path, readers: dict[str, ColumnReader], names: Sequence[str]) -> list[list[FloatArray]]:
+    """Return states, speed and commands of each machine, field by field, each step once: nodes repeat the last state.
+
+    Raises:
+        RecordingError: states of a machine are missing.
+    """
+    tables = []
+    for name in names:
+        if f"/{name}/state" not in readers:
+            raise RecordingError(f"{path} holds no states of machine {name!r}")
+        table = readers[f"/{name}/state"].finish()
+        steps, first = np.unique(np.asarray(table["step"]), return_index=True)
+        if len(steps) != steps[-1] + 1:
+            raise RecordingError(f"{path} lacks {int(steps[-1]) + 1 - len(steps)} states of machine {name!r}")
+        tables.append([np.asarray(table[field], dtype=np.float64)[first] for field in FIELDS])
+    return tables

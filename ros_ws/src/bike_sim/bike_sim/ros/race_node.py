@@ -117,13 +117,14 @@ class RaceNode(rclpy.node.Node):
         self._period = round(batch.config.control_period * NANOSECONDS)
         self._stamp = FIRST_STAMP - self._period
         self._clock_topic = publisher(self, "/clock") if values["publish_clock"] else None
-        self._events, self._result, self._standings = (
+        self._events, self._result, self._standings, self._settings_topic = (
             self.create_publisher(String, name, qos, event_callbacks=node_tools.QUIET)
             for name, qos in (
                 ("events", node_tools.EVENT_QOS), ("result", node_tools.LATCHED_QOS),
-                ("standings", node_tools.LATCHED_QOS),
+                ("standings", node_tools.LATCHED_QOS), ("settings", node_tools.LATCHED_QOS),
             )
         )  # fmt: skip
+        self._settings_topic.publish(String(data=json.dumps(settings.to_card())))
         self._drivers = [
             Driver(
                 CommandGate(self._lockstep),
