@@ -118,6 +118,19 @@ def riders(answers: Sequence[Any]) -> Rows:
     return [[kind, *(f"{name}: rides; mean, worst mean, largest" for name in names)], *rows]
 
 
+def estimates(answers: Sequence[Any]) -> Rows:
+    """Return riders of the bicycle on the true state, and on estimates of it from sensors."""
+    rows = []
+    for rider in answers[0]["figures"]["riders"]:
+        for source, rides in (("the true state", rider), *((f"`{d['disturbances']}`", d) for d in rider["disturbed"])):
+            ratio = rides["average_mean_m"] / rider["average_mean_m"]
+            worst = max(a["mean_m"] / b["mean_m"] for a, b in zip(rides["rides"], rider["rides"], strict=True))
+            ratios = f"{ratio:.2f}", f"{worst:.2f}"
+            rows.append([f"`{rider['policy']}`", source, *RIDDEN.format(**rides).split("; "), *ratios])
+    names = ("mean over that of the true state", "the same at the worst speed")
+    return [["rider", "rides on", "rides", "mean, worst mean, largest", *names], *rows]
+
+
 def races(answers: Sequence[Any]) -> Rows:
     """Return laps of superbikes as ``bike evaluate`` writes them."""
     found = answers[0]["figures"]["races"]
@@ -231,6 +244,7 @@ TABLES: Final[Mapping[str, Table]] = {
     "bicycle_evaluation": Table(columns("rides", **EVALUATION)),
     "bicycle_riders": Table(riders),
     "bicycle_disturbances": Table(riders),
+    "bicycle_estimates": Table(estimates),
     "outside_paths": Table(
         riders, tuple(f"--course {path.relative_to(ROOT)}" for path in sorted(DATA.glob("paths/*")))
     ),
