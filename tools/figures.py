@@ -33,6 +33,7 @@ from scipy.stats import chi2
 from scipy.stats import t as student
 
 from bike_analysis.figures.cells import cells, markdown
+from bike_analysis.sweeps.statistics import bootstrap
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 DATA: Final = ROOT / "docs" / "data"
@@ -70,6 +71,7 @@ SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
     "learning": tuple(f"training/bike_training/{name}" for name in ("tasks", "curricula", "learning", "presets")),
     "exporting": (_CONTRACT[0], f"{_POLICY}/policies", "training/bike_training/exporting"),
     "benchmark": ("training/bike_training/benchmark",),
+    "baselines": ("examples/gymnasium_sb3.py",),
     "ros": (f"{_SIM}/ros", *(f"{_POLICY}/{name}.py" for name in ("drive", "estimate"))),
     "racecraft": (f"{_POLICY}/planning/racecraft.py", f"{_POLICY}/riders/wheel_to_wheel.py"),
 }
@@ -282,6 +284,24 @@ def race_totals(name: str) -> str:
     return markdown([["figure", "sum", "a race"], *rows]) + origin(DATA / f"{name}.csv")
 
 
+def baselines(name: str) -> str:
+    """Return learners of frozen tasks: interquartile means over seeds, with their bootstrap intervals."""
+    groups: dict[tuple[str, ...], list[dict[str, str]]] = defaultdict(list)
+    for row in read_records(name):
+        groups[tuple(row[key] for key in ("task", "learner", "decisions"))].append(row)
+    rows = []
+    for (task, learner, decisions), runs in groups.items():
+        found = [bootstrap([float(run[key]) for run in runs]) for key in ("error", "score")]
+        text = "{:.3f} ({:.3f} to {:.3f})" if len(runs) > 1 else "{:.3f}"
+        texts = [text.format(*interval) for interval in found]
+        failed = np.mean([int(run["failed"]) for run in runs])
+        spent = np.median([float(run["processor_s"]) for run in runs])
+        steps = f"{int(decisions):,}"
+        rows.append([f"`{task}`", learner, steps, str(len(runs)), *texts, f"{failed:.1f}", f"{spent:.0f} s"])
+    names = ("task", "learner", "decisions", "seeds", "error (95 %)", "score (95 %)", "failed of 20", "processor time")
+    return markdown([names, *rows]) + origin(DATA / f"{name}.csv")
+
+
 def headline(name: str) -> str:
     """Return the table of README: the ends of the tables of the results' page."""
     from bike_training.commands.reproduce import PAPERS
@@ -397,6 +417,7 @@ KINDS: Final[Mapping[str, Callable[[str], str]]] = {
         disturbed,
         random_circuits,
         race_totals,
+        baselines,
         headline,
         paper,
         command,

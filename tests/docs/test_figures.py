@@ -4,11 +4,13 @@ import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tools"))
+import baselines  # noqa: E402
 import figures  # noqa: E402
 import measure  # noqa: E402
 
@@ -83,3 +85,33 @@ def test_rows_of_answers_are_those_of_the_table(tmp_path: Path, monkeypatch: pyt
     lines = (tmp_path / "racer_pairs.csv").read_text(encoding="utf-8").splitlines()
     assert lines[-3:] == ["# duration: 3 s", "vehicle,best_s", "r1,"]
     assert figures.changed_sources(figures.read_head(tmp_path / "racer_pairs.csv")) == []
+
+
+def test_baselines_learn_what_their_table_lacks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    table = tmp_path / "benchmark_baselines.csv"
+    lines = (figures.DATA / table.name).read_text(encoding="utf-8").splitlines(True)
+    table.write_text(
+        "".join([line for line in lines if line.startswith("#")] + ["task,learner,vehicles,"])
+        + "decisions,seed,error,failed,score,processor_s\n"
+    )
+    learned, faults = [], []
+
+    def learn(*settings: object) -> dict[str, float]:
+        learned.append(settings[5])
+        return {"error": 0.1, "failed": 0, "score": 0.5}
+
+    for module in (figures, baselines):
+        monkeypatch.setattr(module, "DATA", tmp_path)
+    monkeypatch.setattr(baselines, "changed_sources", lambda head: [])
+    monkeypatch.setattr(baselines, "verify_results", lambda path: {"faults": faults})
+    monkeypatch.setattr(baselines, "runpy", SimpleNamespace(run_path=lambda path: {"learn": learn}))
+    for seeds in ("2", "3"):
+        monkeypatch.setattr(sys, "argv", ["baselines.py", "--seeds", seeds])
+        baselines.main()
+    assert learned == [0, 1, 2]
+    assert "| 3 | 0.100 (0.100 to 0.100) | 0.500 (0.500 to 0.500) | 0.0 |" in figures.baselines(table.stem)
+    faults.append("episode 1")
+    monkeypatch.setattr(sys, "argv", ["baselines.py", "--seeds", "4"])
+    with pytest.raises(RuntimeError, match="episode 1"):
+        baselines.main()
+    assert len(figures.read_records(table.stem)) == 3, "a score that is not true has no row"
