@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from safetensors.numpy import load_file, save_file
 
 from bike_policy.contract.bundle import Actor
-from bike_policy.contract.observation import PROGRESS, RACE_TERMS, Rows
+from bike_policy.contract.observation import PROGRESS, Rows
 from bike_policy.planning.grip import AdaptiveLaw, GripMemory
 from bike_policy.planning.lap_plan import CAREFUL_SETTINGS
 from bike_sim.vehicles.superbike import Superbike
@@ -47,8 +47,6 @@ SURE: Final = 0.035
 """Standard deviation of the inferred grip that asks for no caution."""
 STEERED: Final = 10.0
 """Weight of the squared error of the lean request by that of throttle and brake."""
-FAR: Final = 8.0
-"""What the weight of a decision grows by for the squared distance from the line, 1/m^2: there the limits are near."""
 NOISE: Final = (0.006, 0.03)
 """Standard deviation of what is added to lean request and drive of half of the rows, so that the actor sees how to
 come back."""
@@ -64,7 +62,7 @@ DURATION: Final = 60.0
 """Of a round, s."""
 UPDATES: Final = 2500
 """Updates after each round; after the last one `LAST` times as many."""
-LAST: Final = 8
+LAST: Final = 4
 BATCH: Final = 1024
 RATE: Final = 1e-3
 FOLDER: Final = "imitation"
@@ -183,11 +181,9 @@ class Imitation:
         self._seen: list[NDArray[np.float32]] = []
         self._shown: list[NDArray[np.float32]] = []
 
-        line = env.task.layout.places["line"]
-
         @jax.jit
         def update(weights: Any, moments: Any, seen: Any, shown: Any, rate: Any) -> Any:
-            value, slope = jax.value_and_grad(_cost)(weights, seen, shown, _importance(seen[:, line]))
+            value, slope = jax.value_and_grad(_cost)(weights, seen, shown)
             move, moments = rule.update(slope, moments)
             return jax.tree.map(lambda w, m: w - rate * m, weights, move), moments, value
 
@@ -298,13 +294,7 @@ def _drawn(sizes: tuple[int, ...], seed: int) -> Weights:
     ]
 
 
-def _importance(line: jax.Array) -> jax.Array:
-    """Return the weight of each decision from what it sees of the line, shape (n, 1)."""
-    scale = np.asarray(RACE_TERMS["line"].scale)[-1]
-    return 1.0 + FAR * (scale * line[:, -1:]) ** 2
-
-
-def _cost(weights: Weights, seen: jax.Array, shown: jax.Array, each: jax.Array) -> jax.Array:
-    """Return the mean squared error of the actions, those of the lean request weighted, and each decision."""
+def _cost(weights: Weights, seen: jax.Array, shown: jax.Array) -> jax.Array:
+    """Return the mean squared error of the actions, those of the lean request weighted."""
     error = jnp.tanh(forward(weights, seen)) - shown
-    return jnp.mean(each * jnp.array([STEERED, 1.0]) * error**2)
+    return jnp.mean(jnp.array([STEERED, 1.0]) * error**2)
