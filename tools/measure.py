@@ -265,7 +265,7 @@ TABLES: Final[Mapping[str, Table]] = {
     "guide_pairs": Table(races),
     "adaptive_disturbed": Table(races),
     "classical_disturbed": Table(races),
-    "worlds": Table(worlds),
+    "worlds": Table(worlds, ("careful", "adaptive")),
     "held_pairs": Table(races),
     "racer_random": Table(races, _circuits(100, 139)),
     "generalist_pairs": Table(races),
