@@ -171,7 +171,8 @@ def worlds(answers: Sequence[Any]) -> Rows:
     for found in (answer["figures"] for answer in answers):
         for kind, each in found["summary"].items():
             texts = [text.format(**each) for text in WORLDS.values()]
-            over = "{excess:+.1%} ({excess_low:+.1%} to {excess_high:+.1%})".format(**each) if each["compared"] else "-"
+            over = "{excess:+.1%}".format(**each) if each["compared"] else "-"
+            over += " ({excess_low:+.1%} to {excess_high:+.1%})".format(**each) if each["compared"] > 1 else ""
             rows.append([kind if kind == "worlds" else f"`{kind}`", f"`{found['policy']}`", *texts, over])
     return [["worlds", "rider", *WORLDS, "median lap over the oracle's (95 %)"], *sorted(rows, key=lambda row: row[0])]
 
