@@ -300,9 +300,10 @@ def _sources(name: str) -> list[str]:
 def words_of(name: str, variant: str) -> list[str]:
     """Return the words of the command in a head, behind ``bike``, and of a variant of it."""
     words = read_head(DATA / f"{name}.csv")["command"].removeprefix("bike ").split()
+    own = variant.split()
     if variant and not variant.startswith("-"):
-        del words[1]
-    return [*words, *variant.split()]
+        words[1] = own.pop(0)
+    return [*words, *own]
 
 
 def answer(name: str, variant: str) -> tuple[Any, float]:
