@@ -20,7 +20,7 @@ from typing import Any, Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.contract.reference import ReferenceRows
+from bike_policy.contract.reference import UNSEEN, ReferenceRows
 from bike_sim.schema import GRAVITY, LIMITS, LOOK, OPPONENT, OPPONENT_SLOTS, SIGNALS, STATE
 
 FloatArray = NDArray[np.float64]
@@ -699,7 +699,7 @@ of the tyres and lags of rider and actuators say how much is left. Stations are 
 begins to within a tenth of a second.
 """
 
-ADAPTIVE: Final = replace(COMPACT, name="adaptive", terms=(*COMPACT.terms, "grip", "machine"), unseen=0.12)
+ADAPTIVE: Final = replace(COMPACT, name="adaptive", terms=(*COMPACT.terms, "grip", "machine"), unseen=UNSEEN)
 """The same, the inferred grip of the road, for which the reference is planned, and the descriptor of the vehicle.
 
 Where no lap has been, grip is kept in reserve for patches of which nobody tells."""

@@ -110,14 +110,13 @@ class GripMemory:
         if parts > self._lap.shape[1]:
             more = np.full((len(self._lap), parts - self._lap.shape[1]), np.inf)
             self._lap = np.concatenate((self._lap, more), axis=1)
-        self.grip[row], self.variance[row], self.expected[row] = 1.0, FIRST_ERROR**2, 1.0
+        grip, unseen = 1.0, self._unseen
         self._lap[row], self._part[row], self._parts[row], self._state[row] = np.inf, -1, parts, np.nan
         if ridden is not None:
-            self.grip[row] = self.expected[row] = np.clip(np.median(ridden), LEAST_GRIP, MOST_GRIP)
+            grip, unseen = float(np.clip(np.median(ridden), LEAST_GRIP, MOST_GRIP)), 0.0
             firsts = np.arange(parts) * len(ridden) // parts
             self._lap[row, :parts] = np.minimum.reduceat(ridden, firsts)
-        else:
-            self.expected[row] -= self._unseen
+        self.grip[row], self.variance[row], self.expected[row] = grip, FIRST_ERROR**2, grip - unseen
 
     def update(self, rows: VehicleRows, errors: FloatArray) -> FloatArray:
         """Take in a control period and return the expected grip, shape (n,); the same again for the same rows.
@@ -253,12 +252,7 @@ class AdaptiveLaw:
     """
 
     def __init__(
-        self,
-        vehicle: Superbike,
-        period: float,
-        settings: RiderSettings,
-        count: int = 1,
-        plan: Planner | None = None,
+        self, vehicle: Superbike, period: float, settings: RiderSettings, count: int = 1, plan: Planner | None = None
     ) -> None:
         """Prepare for a number of rides.
 
@@ -269,13 +263,13 @@ class AdaptiveLaw:
             count: number of rides.
             plan: plans a lap of a line on the known road; None for a verified plan.
         """
-        known = replace(settings, unseen=0.0)  # plans are verified on the known road
+        known = replace(settings, unseen=0.0)  # of it the memory makes less grip, and plans are those of any rider
         plan = plan or (lambda line: verified_plan(vehicle, line, known, period))
         self.memory = GripMemory(vehicle, period, count, settings.unseen)
         self.law = LineLaw(vehicle, period, settings, count)
         self.observer = RideObserver(vehicle, period, count)
         self._leans = HeldLeans(vehicle, settings, self.law.leans)
-        self._planned = lru_cache(maxsize=KEPT)(lambda line: GripPlans(vehicle, line, settings, plan(line)))
+        self._planned = lru_cache(maxsize=KEPT)(lambda line: GripPlans(vehicle, line, known, plan(line)))
         self._plans: dict[int, GripPlans] = {}
         self._level = np.ones(count)
         self._careful, self._keeps = settings.unseen > 0.0, math.exp(-period / SHAKING_MEMORY)

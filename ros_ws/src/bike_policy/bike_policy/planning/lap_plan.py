@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.contract.reference import GRIPS, KEPT, Reference
+from bike_policy.contract.reference import GRIPS, KEPT, UNSEEN, Reference
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike.statics import steady_lateral
 from bike_sim.planning.envelope import Envelope, envelope, left_by_turning
@@ -103,9 +103,8 @@ CLASSICAL_SETTINGS: Final = RiderSettings(
 """Settings of the classical rider, tuned on random circuits. The defaults above are not: others plan with them, whose
 plans a policy has learned to see."""
 
-CAREFUL_SETTINGS: Final = replace(CLASSICAL_SETTINGS, unseen=0.12)
-"""Of the same rider where nobody tells of the road: with 0.1 rides end on a patch of a factor of 0.9, of 60 m in a long
-turn."""
+CAREFUL_SETTINGS: Final = replace(CLASSICAL_SETTINGS, unseen=UNSEEN)
+"""Of the same rider where nobody tells of the road."""
 
 GUIDE: Final = RiderSettings(
     lateral=0.91, brake_exponent=3.2, brake_upright=1.04, brake_decline=1.0, dip=0.7, lean_rate=1.0

@@ -78,7 +78,8 @@ AHEAD: Final = 5.0
 LOOKS: Final = 20
 """Time that is looked ahead for corners, s, in so many steps."""
 NEAR: Final = 2.5
-"""Time that is looked ahead for braking and room, s."""
+NEAR_LOOKS: Final = 5
+"""Time that is looked ahead for braking and room, s, and the steps for room."""
 SETTLED: Final = 0.8
 """Time before turn-in at which a pass has to be over, s; twice that for one that begins."""
 BRAKING: Final = 7.0
@@ -127,8 +128,8 @@ def _room(plans: Plans, row: int, s: float, speed: float, offset: float) -> floa
     """Return the room on the side of an offset here and ahead, m: a line at an apex is as near to it as it may be."""
     column = P_LEFT if offset > 0.0 else P_RIGHT
     room = math.inf
-    for look in range(6):
-        room = min(room, plan_at(plans, row, column, s + NEAR * look / 5 * speed))
+    for look in range(NEAR_LOOKS + 1):
+        room = min(room, plan_at(plans, row, column, s + NEAR * look / NEAR_LOOKS * speed))
     return room
 
 
@@ -236,7 +237,7 @@ def _decide(
         rate = ESCAPE_RATE
     move = (held - offset) / (ESCAPE_TIME if rate == ESCAPE_RATE else SETTLING)
     offset = memory[_OFFSET] = offset + period * min(max(move, -rate), rate)
-    for look in range(6):  # inside the line the corner is tighter
+    for look in range(NEAR_LOOKS + 1):  # inside the line the corner is tighter
         bend = plan_at(plans, row, P_CURVATURE, s + 0.3 * look * speed)
         if bend * offset > 0.0:
             pace = min(pace, -0.5 * min(bend * offset, 0.5))
