@@ -108,7 +108,7 @@ def test_a_ride_goes_on_from_what_is_kept(panigale: Superbike, circuit: Path) ->
     for _ in range(300):
         batch.step(laws[0].commands(batch))
     assert laws[0].memory.grip[0] < 0.95
-    assert laws[0]._shaking[0] > 0.0
+    assert laws[0].state_dict()["shaking"][0] > 0.0
     laws[1].restore(laws[0].state_dict())
     for _ in range(100):
         commands = laws[0].commands(batch)

@@ -60,11 +60,17 @@ RIDDEN_ERROR: Final = 0.015
 """Standard deviation of what is known of it."""
 DURATION: Final = 60.0
 """Of a round, s."""
-UPDATES: Final = 2500
+UPDATES: Final = 4000
 """Updates after each round; after the last one `LAST` times as many."""
-LAST: Final = 4
-BATCH: Final = 1024
-RATE: Final = 1e-3
+LAST: Final = 5
+BATCH: Final = 512
+RATE: Final = 2e-3
+SAMPLED: Final = 50_000
+"""Observations of the first round that say how inputs vary."""
+LEAST_DEVIATION: Final = 0.02
+"""Standard deviation below which an input is not enlarged further."""
+LEAST_VARIANCE: Final = 1e-2
+"""What is added to the variances of the inputs' combinations: those that hardly vary are enlarged by ten at most."""
 FOLDER: Final = "imitation"
 """Folder of a run with the rounds so far."""
 
@@ -175,7 +181,11 @@ class Imitation:
         self._env, self._settings, self._seed = env, settings, seed
         self._teacher = Teacher(env)
         self._inputs = env.task.layout.size
+        # They take inputs that vary alike and independently, once the first round has shown how they do: a lean request
+        # depends on small differences of inputs that vary together, which a network of the inputs themselves learns
+        # late.
         self._weights = _drawn((self._inputs, *settings.layers, env.task.action.size), seed)
+        self._centre, self._equal = np.zeros(self._inputs, np.float32), np.eye(self._inputs, dtype=np.float32)
         rule = optax.chain(optax.clip_by_global_norm(1.0), optax.scale_by_adam())
         self._rule, self.done, self.loss, self.lost = rule, 0, math.nan, 0
         self._seen: list[NDArray[np.float32]] = []
@@ -190,8 +200,10 @@ class Imitation:
         self._update = update
 
     def actor(self) -> Actor:
-        """Return the present actor."""
-        return actor_of(self._weights)
+        """Return the present actor, which takes observations as they are."""
+        (kernel, bias), *others = self._weights
+        kernel = jnp.asarray(self._equal) @ kernel
+        return actor_of([(kernel, bias - jnp.asarray(self._centre) @ kernel), *others])
 
     def run(self, out: Path, report: Callable[[Imitation], None] = lambda _: None) -> Actor:
         """Make the rounds that are missing and return the actor; a run that was interrupted goes on.
@@ -210,7 +222,7 @@ class Imitation:
         while self.done < self._settings.rounds:
             stored = self._ride()
             self._learn(stored["seen"], stored["shown"])
-            save_file({**stored, **self.actor().tensors()}, folder / f"round_{self.done:03d}.safetensors")
+            save_file({**stored, **actor_of(self._weights).tensors()}, folder / f"round_{self.done:03d}.safetensors")
             self.done += 1
             report(self)
         save_file(self.actor().tensors(), final)
@@ -219,11 +231,20 @@ class Imitation:
 
     def _take(self, stored: dict[str, NDArray[Any]]) -> None:
         """Take in a round that was made."""
-        seen, shown = stored.pop("seen"), stored.pop("shown")
-        self._seen.append(seen)
-        self._shown.append(shown)
+        self._keep(stored.pop("seen"), stored.pop("shown"))
         self._weights = weights_of(Actor.from_tensors(stored))
         self.done += 1
+
+    def _keep(self, seen: NDArray[np.float32], shown: NDArray[np.float32]) -> None:
+        """Keep what a round has shown; the first one says how the inputs vary."""
+        if not self._seen:
+            layout, every = self._env.task.layout, max(1, len(seen) // SAMPLED)
+            some = seen[::every].astype(np.float64)
+            self._centre, self._equal = _equalised(
+                np.concatenate((some, some[:, layout.mirror_places] * layout.mirror_signs))
+            )
+        self._seen.append(seen)
+        self._shown.append(shown)
 
     def _ride(self) -> dict[str, NDArray[np.float32]]:
         """Ride a round; return what was seen and what the teacher showed, a row for each decision of each machine."""
@@ -264,8 +285,7 @@ class Imitation:
     def _learn(self, seen: NDArray[np.float32], shown: NDArray[np.float32]) -> None:
         """Learn from all rounds so far; the last one ends with a falling rate."""
         layout, action = self._env.task.layout, self._env.task.action
-        self._seen.append(seen)
-        self._shown.append(shown)
+        self._keep(seen, shown)
         every, answers = np.concatenate(self._seen), np.concatenate(self._shown)
         rng = np.random.default_rng([self._seed, self.done, 9])
         last = self.done == self._settings.rounds - 1
@@ -275,9 +295,10 @@ class Imitation:
             done = update / updates
             fall = 0.5 * (1.0 + math.cos(math.pi * done)) if last else 1.0 - 0.7 * done
             picked = rng.integers(len(every), size=BATCH)
-            inputs, wanted = every[picked], answers[picked]
+            picked_seen, wanted = every[picked], answers[picked]
             flipped = rng.random((BATCH, 1)) < 0.5
-            inputs = np.where(flipped, inputs[:, layout.mirror_places] * layout.mirror_signs, inputs)
+            mirrored = np.where(flipped, picked_seen[:, layout.mirror_places] * layout.mirror_signs, picked_seen)
+            inputs = (mirrored - self._centre).astype(np.float32) @ self._equal
             wanted = np.where(flipped, wanted * action.mirror_signs, wanted)
             rate = RATE * max(fall, 0.02)
             self._weights, moments, value = self._update(self._weights, moments, inputs, wanted, rate)
@@ -292,6 +313,18 @@ def _drawn(sizes: tuple[int, ...], seed: int) -> Weights:
         (jnp.asarray(rng.normal(0.0, math.sqrt(2.0 / i), (i, o)), dtype=jnp.float32), jnp.zeros(o, dtype=jnp.float32))
         for i, o in pairwise(sizes)
     ]
+
+
+def _equalised(inputs: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the mean of inputs and the matrix that gives them about the same variance in every direction.
+
+    Args:
+        inputs: shape (samples, inputs).
+    """
+    centre, scale = inputs.mean(axis=0), 1.0 / np.maximum(inputs.std(axis=0), LEAST_DEVIATION)
+    variances, directions = np.linalg.eigh(np.cov((inputs - centre).T * scale[:, None]))
+    matrix = (directions / np.sqrt(variances + LEAST_VARIANCE)) @ directions.T
+    return centre.astype(np.float32), (scale[:, None] * matrix).astype(np.float32)
 
 
 def _cost(weights: Weights, seen: jax.Array, shown: jax.Array) -> jax.Array:

@@ -7,7 +7,7 @@ of a second is enough. The grip may change with the distance ridden.
 The rider changes between plans of the same line: the verified one of the known road, and slower ones for less grip.
 Where the lap before had less grip, it is ridden more slowly from a little ahead on. A careful rider also expects less
 grip where it has not been yet: what a patch takes at full lean, no answer gives back. And it does not drive while the
-handlebars shake: drive unloads the front wheel, and on bumps a light one wobbles until the machine falls.
+handlebars shake.
 """
 
 from __future__ import annotations
@@ -161,6 +161,43 @@ class GripMemory:
             setattr(self, name, stored[name].copy())
 
 
+class ShakeReflex:
+    """No drive while the handlebars shake: drive unloads the front wheel, and a light one wobbles to a fall on bumps.
+
+    It stands behind a careful rider's commands, planned or learned.
+    """
+
+    def __init__(self, period: float, count: int = 1) -> None:
+        """Prepare for a number of machines and their control period, s."""
+        self._keeps = math.exp(-period / SHAKING_MEMORY)
+        self._mean, self._rate = np.zeros(count), np.full(count, np.nan)
+
+    def begin(self, row: int) -> None:
+        """Begin the ride of a machine."""
+        self._mean[row], self._rate[row] = 0.0, np.nan
+
+    def commands(self, rows: VehicleRows, commands: FloatArray) -> FloatArray:
+        """Return steering and throttle in [-1, 1] without drive where handlebars shake, shape (n, 2).
+
+        Args:
+            rows: as the rider sees them; the same rows give the same again.
+            commands: of the rider, shape (n, 2).
+        """
+        rate = np.nan_to_num(rows.state[:, STATE.index("steer_rate")])
+        mean = self._keeps * self._mean + (1.0 - self._keeps) * np.abs(rate)
+        self._mean, self._rate = np.where(rate != self._rate, mean, self._mean), rate
+        throttle = np.where(self._mean > SHAKING, np.minimum(commands[:, 1], 0.0), commands[:, 1])
+        return np.stack((commands[:, 0], throttle), axis=1)
+
+    def state_dict(self) -> dict[str, FloatArray]:
+        """Return all of it, as arrays."""
+        return {"shaking": self._mean.copy(), "steer_rate": self._rate.copy()}
+
+    def restore(self, stored: Mapping[str, FloatArray]) -> None:
+        """Continue from what :meth:`state_dict` returned, after each row has begun again."""
+        self._mean, self._rate = stored["shaking"].copy(), stored["steer_rate"].copy()
+
+
 class GripPlans:
     """Plans of a closed line for roads of different grip."""
 
@@ -272,8 +309,7 @@ class AdaptiveLaw:
         self._planned = lru_cache(maxsize=KEPT)(lambda line: GripPlans(vehicle, line, known, plan(line)))
         self._plans: dict[int, GripPlans] = {}
         self._level = np.ones(count)
-        self._careful, self._keeps = settings.unseen > 0.0, math.exp(-period / SHAKING_MEMORY)
-        self._shaking, self._steer_rate = np.zeros(count), np.full(count, np.nan)
+        self._reflex = ShakeReflex(period, count) if settings.unseen else None
 
     def plans(self, line: Course) -> GripPlans:
         """Return the plans of a line, made once for the same object.
@@ -293,7 +329,9 @@ class AdaptiveLaw:
         self.law.begin(row, plans.on(1.0))
         self.memory.begin(row, line)
         self.observer.begin(row, line)
-        self._level[row], self._shaking[row], self._steer_rate[row] = 1.0, 0.0, np.nan
+        self._level[row] = 1.0
+        if self._reflex is not None:
+            self._reflex.begin(row)
 
     def commands(self, rows: VehicleRows, step: int = 0, targets: FloatArray | None = None) -> FloatArray:
         """Return steering and throttle in [-1, 1], shape (n, 2); the same ones again for the same rows.
@@ -306,7 +344,7 @@ class AdaptiveLaw:
         rows = self.observer.observe(rows)
         expected = self.memory.update(rows, self.observer.force_errors)
         # The delay that the observer finds is left out: looking so much farther ahead loses rides that are not lost so.
-        grip = np.minimum(self.memory.grip, expected) if self._careful else self.memory.grip
+        grip = self.memory.grip if self._reflex is None else np.minimum(self.memory.grip, expected)
         commands = self.follow(rows, grip, expected, targets, self.observer.rates)
         self.observer.answered(commands)
         return commands
@@ -338,23 +376,12 @@ class AdaptiveLaw:
         self._level = level
         leans = self._leans.at(np.nan_to_num(rows.look[:, SPEED]), grip)
         commands = self.law.commands(seen, targets, leans, rates, delays)
-        if self._careful:
-            commands[:, 1] = np.where(self._shakes(rows), np.minimum(commands[:, 1], 0.0), commands[:, 1])
-        return commands
-
-    def _shakes(self, rows: VehicleRows) -> NDArray[np.bool_]:
-        """Take in the steer rates and return whether handlebars shake, shape (n,); the same again for the same rows."""
-        rate = np.nan_to_num(rows.state[:, STATE.index("steer_rate")])
-        mean = self._keeps * self._shaking + (1.0 - self._keeps) * np.abs(rate)
-        self._shaking = np.where(rate != self._steer_rate, mean, self._shaking)
-        self._steer_rate = rate
-        shakes: NDArray[np.bool_] = self._shaking > SHAKING
-        return shakes
+        return commands if self._reflex is None else self._reflex.commands(rows, commands)
 
     def state_dict(self) -> dict[str, Any]:
         """Return what is remembered of the rides, as arrays."""
         law = {"law": self.law.memory.copy(), "level": self._level.copy(), "observer": self.observer.state_dict()}
-        law |= {"shaking": self._shaking.copy(), "steer_rate": self._steer_rate.copy()}
+        law |= {} if self._reflex is None else self._reflex.state_dict()
         return law | self.memory.state_dict()
 
     def restore(self, stored: Mapping[str, Any]) -> None:
@@ -362,7 +389,8 @@ class AdaptiveLaw:
         self.memory.restore(stored)
         self.observer.restore(stored["observer"])
         self._level = stored["level"].copy()
-        self._shaking, self._steer_rate = stored["shaking"].copy(), stored["steer_rate"].copy()
+        if self._reflex is not None:
+            self._reflex.restore(stored)
         for row in np.flatnonzero(self._level != 1.0).tolist():
             self.law.change(row, self._plans[row].on(float(self._level[row])), stored["law"][row, :SEEN])
         self.law.memory[...] = stored["law"]

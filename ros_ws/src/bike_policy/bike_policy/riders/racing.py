@@ -33,7 +33,7 @@ from bike_policy.contract.observation import (
 )
 from bike_policy.contract.reference import OPEN, ReferenceRows
 from bike_policy.planning import line_law as ll
-from bike_policy.planning.grip import FIRST_ERROR, AdaptiveLaw, GripMemory
+from bike_policy.planning.grip import FIRST_ERROR, AdaptiveLaw, GripMemory, ShakeReflex
 from bike_policy.planning.lap_plan import GUIDE, LinePlan, Planner, references_of
 from bike_policy.planning.plan_verification import Rollouts, verified_margin, verified_plan
 from bike_policy.planning.ride_observer import RideObserver
@@ -111,6 +111,7 @@ class RaceInterface:
         adaptive = "grip" in layout.terms
         self._planned = references_of(vehicle, adaptive)
         self._grip = GripMemory(vehicle, period, count, layout.unseen) if adaptive else None
+        self._reflex = ShakeReflex(period, count) if layout.unseen else None
         self._guide = AdaptiveLaw(vehicle, period, GUIDE, count, plan) if action.guided else None
         self.observer = RideObserver(vehicle, period, count) if self._guide is None else self._guide.observer
         self.references = ReferenceRows(count, adaptive)
@@ -158,6 +159,8 @@ class RaceInterface:
             self._guide.begin(row, rows, line)
         if self._grip is not None:
             self._grip.begin(row, line)
+            if self._reflex is not None:
+                self._reflex.begin(row)
             expected = self._grip.expected[row]
             self.references.grip[row], self.memory.grip[row] = expected, (expected, 1.0, FIRST_ERROR)
         self.references.begin(row, self._planned(line), self._layout.share if share is None else share, cap)
@@ -193,7 +196,8 @@ class RaceInterface:
         elif self._guide is None:
             self.observer.observe(rows)  # it follows each control period, and a guide shows them to it
         if self._guide is None:
-            return self._action.to_commands(actions, self._max_steer, rows.look[:, SPEED])
+            commands = self._action.to_commands(actions, self._max_steer, rows.look[:, SPEED])
+            return commands if self._reflex is None else self._reflex.commands(self.observer.observe(rows), commands)
         targets = self._action.to_targets(actions)
         # What the targets change is the speed that is asked.
         targets[:, 1] = self.references.share * (1.0 + targets[:, 1]) - 1.0
@@ -203,6 +207,7 @@ class RaceInterface:
         """Return the memory, as arrays."""
         law = {"observer": self.observer.state_dict()} if self._guide is None else self._guide.state_dict()
         inferred = {} if self._grip is None else {"inferred": self._grip.state_dict()}
+        inferred |= {} if self._reflex is None else {"reflex": self._reflex.state_dict()}
         return {name: getattr(self.memory, name).copy() for name in _STORED} | law | inferred
 
     def restore(self, stored: Mapping[str, Any]) -> None:
@@ -216,6 +221,8 @@ class RaceInterface:
         if self._grip is not None:
             self._grip.restore(stored["inferred"])
             self._show_grip(self._grip)
+        if self._reflex is not None:
+            self._reflex.restore(stored["reflex"])
 
     def _show_grip(self, inferred: GripMemory) -> None:
         """Plan the reference for the expected grip, and show what is inferred."""
