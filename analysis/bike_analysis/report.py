@@ -61,7 +61,7 @@ def analyze(
         csv: File for the aligned table as CSV.
         parquet: File for the same as Parquet.
         station_m: Distance of the stations of the aligned table, m; by default about 2500 along the course.
-        video: Moving picture of the longest ride.
+        video: Moving picture of the longest ride, and of other vehicles of its recording.
         ld: File for the longest ride as a log of MoTeC i2, with its laps in the ``.ldx`` file beside it.
 
     Returns:
@@ -102,9 +102,22 @@ def analyze(
     if ld is not None:
         figures["ld"] = str(write_ld(longest, ld))
     if video is not None:
-        figures["video"] = str(write_video(longest, video.path, video.begin_s, video.duration_s))
+        beside = _others(longest)
+        figures["video"] = str(write_video(longest, video.path, video.begin_s, video.duration_s, beside))
     plain: dict[str, Any] = finite(figures)
     return plain
+
+
+def _others(ride: Ride) -> list[Ride]:
+    """Return the rides that other vehicles of the same recording made at the same time, as in a race."""
+    recording, found = ride.recording, []
+    begin, end = ride.states.time_s[[0, -1]]
+    for topic in recording.topics:
+        if topic.endswith("/state") and topic != f"{recording.namespace or ''}/state":
+            with suppress(RecordingError):  # a topic of that name with other messages
+                other = open_ride(recording.path, topic.removesuffix("/state") or "/")
+                found += [r for r in other.rides if r.states.time_s[0] < end and r.states.time_s[-1] > begin]
+    return found
 
 
 def analyze_laps(path: str | os.PathLike[str], theory: Theory, out_dir: Path | None = None) -> dict[str, Any]:

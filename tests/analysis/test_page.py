@@ -865,7 +865,10 @@ def test_an_hour_at_100_hz_loads_and_zooms(opened: Opener, tmp_path: Path) -> No
 
 
 def test_race_is_seen_from_behind_any_machine(opened: Opener, tmp_path: Path) -> None:
-    """The cursor goes to the chosen machine at the same time; who is out ends with a cross and leaves the map."""
+    """The cursor goes to the chosen machine at the same time; who is out ends with a cross and leaves the map.
+
+    Contacts are marked in the traces of those that touched, as long as they race.
+    """
     circuit = replace(load_course("circle"), width_left=None, width_right=None)
     racers = []
     for place, (name, speed, rows) in enumerate((("first", 5.0, 400), ("second", 4.0, 200)), start=1):
@@ -874,7 +877,7 @@ def test_race_is_seen_from_behind_any_machine(opened: Opener, tmp_path: Path) ->
         zeros = np.zeros(rows)
         columns = {"time": time, "distance": speed * time, "x": circuit.x[there], "y": circuit.y[there],
                    "yaw": circuit.heading[there], "roll": zeros, "steer": zeros, "speed": zeros + speed}  # fmt: skip
-        racers.append(Racer(name, place, columns, "" if place == 1 else "fell"))
+        racers.append(Racer(name, place, columns, "" if place == 1 else "fell", [9.0, 11.0]))
     line = {"vehicle": "v", "rider": "r", "laps": 1, "penalty_s": 0.0, "best_lap_s": None, "passes": 0, "contacts": 0}
     result = [
         line | {"position": k, "name": racer.name, "grid": k, "time_s": 20.0, "end": racer.end or "finished"}
@@ -885,6 +888,10 @@ def test_race_is_seen_from_behind_any_machine(opened: Opener, tmp_path: Path) ->
     browser = opened(write_race_page(figures, tmp_path / "race.html"))
     assert all(pixels > 300 for _, pixels in inked_pixels(browser))
     assert len(browser.find_elements(By.CSS_SELECTOR, 'svg[aria-label="Positions"] path')) == 1
+    moments = browser.execute_script("return document.querySelector('.view').view.spec.moments")
+    assert [(moment["series"], moment["row"], moment["label"]) for moment in moments] == [
+        (0, 180, "contact"), (0, 220, "contact"), (1, 180, "contact"), (1, 199, "fell"),
+    ]  # fmt: skip
     state = (
         "const { view } = document.querySelector('.view'); return [view.main.name, view.main.columns.time[view.row]]"
     )

@@ -50,6 +50,22 @@ def test_a_gif_plays_at_the_pace_of_the_ride(recording: Path, tmp_path: Path) ->
         assert picture.info["duration"] == pytest.approx(1000 / RATES[".gif"], abs=10)
 
 
+def test_a_video_shows_others_where_they_are_at_its_time(
+    recording: Path, writer: Any, circle: Any, tmp_path: Path
+) -> None:
+    """Another bicycle a second ahead stands in the picture; one that rides later does not."""
+    ahead, later = circle(steps=400), circle(steps=400, start_s=1000.0)
+    for name in ("x", "y"):
+        ahead.states[name] = np.roll(ahead.states[name], -20)
+    ride = open_ride(recording).rides[0]
+    shown = []
+    for number, others in enumerate(([], [ahead], [later])):
+        rides = [open_ride(writer.write(tmp_path / f"other_{number}.mcap", [other])).rides[0] for other in others]
+        shown.append(frames(write_video(ride, tmp_path / f"{number}.mp4", 5.0, 0.05, rides))[0].astype(int))
+    assert np.abs(shown[1] - shown[0]).max() > 60
+    np.testing.assert_array_equal(shown[2], shown[0])
+
+
 @pytest.mark.parametrize(
     ("name", "begin", "words"), [("ride.avi", 0.0, "an .mp4 or a .gif"), ("ride.mp4", 99.0, "cannot begin at 99 s")]
 )

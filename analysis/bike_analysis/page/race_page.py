@@ -39,12 +39,14 @@ class Racer:
         grid: its place there, from 1.
         columns: time (s), distance from the start line (m), x, y, yaw, and what the panels show, until it is out.
         end: how its race ended in a word, where it did before the flag; else empty.
+        contacts: times at which it touched another, s.
     """
 
     name: str
     grid: int
     columns: Mapping[str, FloatArray]
     end: str
+    contacts: Sequence[float] = ()
 
 
 @dataclass(frozen=True)
@@ -116,13 +118,20 @@ def _view(figures: RaceFigures) -> View:
         channels=FAST_CHANNELS if powered else {},
         follow=road_spec(figures.title, course, powered),
         moments=tuple(
-            {"series": number, "row": len(racer.columns["time"]) - 1, "label": racer.end}
+            {"series": number, "row": row, "label": label}
             for number, racer in enumerate(figures.racers)
-            if racer.end
+            for row, label in _moments(racer)
         ),
         reference=0,
         leads=True,
     )
+
+
+def _moments(racer: Racer) -> list[tuple[int, str]]:
+    """Return rows of a machine's columns and what happened there: contacts, and its end."""
+    time = racer.columns["time"]
+    rows = np.searchsorted(time, [t for t in racer.contacts if t <= time[-1]]).tolist()
+    return [(row, "contact") for row in rows] + ([(len(time) - 1, racer.end)] if racer.end else [])
 
 
 def _cell(text: str) -> str:

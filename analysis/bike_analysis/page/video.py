@@ -1,8 +1,9 @@
-"""Videos of rides: the vehicle on its course from behind, drawn by Pillow, written by PyAV (FFmpeg) or Pillow."""
+"""Videos of rides: the vehicle on its course from behind, and others, drawn by Pillow, written by PyAV or Pillow."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -44,10 +45,16 @@ _VEHICLES: Final = {
     "e9ebee -.09 1.31 .09 1.31 .14 1.45 .09 1.6 -.09 1.6 -.14 1.45, c8261a -.04 1.4 .04 1.4 .04 1.58 -.04 1.58",
 }
 """Parts from behind, without and with an engine: colour and corners, m to the right and above the contact point."""
+_OTHER: Final = {"8f1a12": "5b4a12", "c8261a": "d9a514", "0b66ad": "d9a514"}
+"""Colours of other vehicles in place of the followed one's."""
 
 
 def write_video(
-    ride: Ride, path: str | os.PathLike[str], begin_s: float = 0.0, duration_s: float | None = None
+    ride: Ride,
+    path: str | os.PathLike[str],
+    begin_s: float = 0.0,
+    duration_s: float | None = None,
+    others: Sequence[Ride] = (),
 ) -> Path:
     """Write a video of a ride at its own pace.
 
@@ -56,6 +63,7 @@ def write_video(
         path: File to write, ``.mp4`` (H.264) or ``.gif``.
         begin_s: Where it begins, s since the ride's first state.
         duration_s: How long it lasts, s; to the ride's end, but not beyond `LONGEST`, if None.
+        others: Rides of other vehicles with the same clock, shown where they are at that time.
 
     Returns:
         The path.
@@ -74,7 +82,9 @@ def write_video(
     motion = np.stack([states.x, states.y, np.unwrap(states.yaw), states.roll, states.speed, states.progress])
     if course is None or len(course.x) < 3 or not np.isfinite(motion).any(axis=1).all():
         raise ValueError("a video needs a recorded course, positions and lean")
-    draw = partial(_frame, ride, ride.recording.vehicle, np.nan_to_num(motion))
+    draw = partial(
+        _frame, ride, ride.recording.vehicle, np.nan_to_num(motion), [_paths(ride, other) for other in others]
+    )
     frames = map(draw, begin_s + np.arange(max(1, round((end - begin_s) * RATES[kind]))) / RATES[kind])
     if kind == ".gif":  # half as large, because it is not compressed well
         first, *rest = (frame.reduce(2).quantize(96, dither=Image.Dither.NONE) for frame in frames)
@@ -91,11 +101,20 @@ def write_video(
     return target
 
 
-def _frame(ride: Ride, vehicle: str, motion: Floats, time_s: float) -> Image.Image:
-    """Draw the ride at a time since its first state, s."""
+def _paths(ride: Ride, other: Ride) -> Floats:
+    """Return time since the first state of a ride, s, and x, y, roll of another one, shape (4, states)."""
+    states = other.states
+    return np.stack([states.time_s - ride.states.time_s[0], states.x, states.y, states.roll])
+
+
+def _frame(ride: Ride, vehicle: str, motion: Floats, others: Sequence[Floats], time_s: float) -> Image.Image:
+    """Draw the ride, and the paths of others, at a time since its first state, s."""
     x, y, yaw, roll, speed, progress = (float(np.interp(time_s, ride.time, column)) for column in motion)
     lagging = float(np.interp(time_s - 0.16, ride.time, motion[2]))  # the camera turns a little later
-    return draw_frame(ride.course, vehicle, Pose(x, y, yaw, lagging, roll, speed, progress), time_s, is_fast(ride))
+    pose = Pose(x, y, yaw, lagging, roll, speed, progress)
+    riding = [path for path in others if path[0, 0] <= time_s <= path[0, -1]]
+    beside = [[float(np.interp(time_s, path[0], column)) for column in path[1:]] for path in riding]
+    return draw_frame(ride.course, vehicle, pose, time_s, is_fast(ride), beside)
 
 
 class Pose(NamedTuple):
@@ -120,7 +139,9 @@ class Pose(NamedTuple):
     progress: float
 
 
-def draw_frame(course: Any, vehicle: str, pose: Pose, time_s: float, powered: bool) -> Image.Image:
+def draw_frame(
+    course: Any, vehicle: str, pose: Pose, time_s: float, powered: bool, others: Sequence[Sequence[float]] = ()
+) -> Image.Image:
     """Draw a vehicle on its course from behind.
 
     Args:
@@ -129,6 +150,7 @@ def draw_frame(course: Any, vehicle: str, pose: Pose, time_s: float, powered: bo
         pose: Where it is and how it leans.
         time_s: Time that the frame tells, s.
         powered: Whether it has an engine.
+        others: x and y (m) and roll (rad) of other vehicles of its kind.
 
     Returns:
         The picture, `SIZE` pixels large.
@@ -138,7 +160,7 @@ def draw_frame(course: Any, vehicle: str, pose: Pose, time_s: float, powered: bo
     camera = _Camera(ImageDraw.Draw(image, "RGBA"), np.array([pose.x, pose.y]), heading, 0.22 * pose.roll)
     camera.draw_background()
     camera.draw_road(course, pose.progress, powered)
-    camera.draw_vehicle(pose.roll, powered)
+    camera.draw_vehicles([(pose.x, pose.y, pose.roll), *others], powered)
     pace = f"{3.6 * pose.speed:.0f} km/h" if powered else f"{pose.speed:.1f} m/s"
     title = shown(f"{vehicle}, {course.name}" if vehicle else course.name, 60)
     text = f"{title}\n{lap_text(time_s)}    {pace}    lean {abs(np.degrees(pose.roll)):.0f}°"
@@ -214,9 +236,22 @@ class _Camera:
         line, _ = self._seen(middle[places > progress + 1.0])
         self.pen.line(list(map(tuple, line)), (120, 200, 255, 140), 2 * _OVERSIZE, joint="curve")
 
-    def draw_vehicle(self, roll: float, powered: bool) -> None:
-        """The vehicle with its rider and their shadow, leaning about the contact point."""
-        foot, metre = np.array([480.0, _HORIZON + _FOCAL * _HEIGHT / _BEHIND]), _FOCAL / _BEHIND
+    def draw_vehicles(self, vehicles: Sequence[Sequence[float]], powered: bool) -> None:
+        """Vehicles with their riders and shadows, each leaning about its contact point, the farthest first.
+
+        Args:
+            vehicles: x, y and roll of each; the first is the followed one.
+            powered: whether they have engines.
+        """
+        away = np.array(vehicles)[:, :2] - self._eye
+        depths = away @ self._forward
+        for k in np.argsort(-depths):
+            if _NEAR < depths[k] < _AHEAD[powered][-1]:
+                left, roll = float(away[k] @ [-self._forward[1], self._forward[0]]), vehicles[k][2]
+                foot = np.array([480.0 - _FOCAL * left / depths[k], _HORIZON + _FOCAL * _HEIGHT / depths[k]])
+                self._draw_vehicle(foot, _FOCAL / depths[k], roll, powered, {} if k == 0 else _OTHER)
+
+    def _draw_vehicle(self, foot: Floats, metre: float, roll: float, powered: bool, colours: dict[str, str]) -> None:
         around, width = np.linspace(0.0, 2.0 * np.pi, 32), 0.3 + 0.5 * abs(np.sin(roll))
         shadow = np.stack([0.3 * np.sin(roll) + width * np.cos(around), 0.07 * np.sin(around)], 1)
         self._polygon(self._pixels(foot + metre * shadow), (0, 0, 0, 90))
@@ -224,7 +259,7 @@ class _Camera:
         for part in _VEHICLES[powered].split(", "):
             colour, *numbers = part.split(" ")
             corners = np.array(numbers, float).reshape(-1, 2)
-            self._polygon(self._pixels(foot + metre * corners @ turn), f"#{colour}")
+            self._polygon(self._pixels(foot + metre * corners @ turn), f"#{colours.get(colour, colour)}")
 
 
 @cache

@@ -16,7 +16,7 @@ from bike_policy.riders.wheel_to_wheel import CLASSICAL, RaceField
 from bike_sim.course.course import Course
 from bike_sim.course.projection import project
 from bike_sim.physics import state as st
-from bike_sim.sim.race import CLEARED, Race, RaceSettings, check_names, entries_of
+from bike_sim.sim.race import CLEARED, TOUCHED, Race, RaceSettings, check_names, entries_of
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_whole, recording_folder
 from bike_training.progress import progress_bar, told_parts
@@ -104,7 +104,8 @@ def page_of(recording: Path, race: Race, path: Path) -> Path:
         columns = racer_columns(recorded, row, centre, race.batch.config.control_period, powered)
         until = int(np.searchsorted(columns["time"], cleared.get(entry.name, np.inf), "right"))
         end = line["end"].replace("_", " ") if line["end"] not in ("finished", "running") else ""
-        racers.append(Racer(entry.name, line["grid"], {name: c[:until] for name, c in columns.items()}, end))
+        contacts = [event.time for event in recorded.events if event.kind == TOUCHED and entry.name in event.names]
+        racers.append(Racer(entry.name, line["grid"], {name: c[:until] for name, c in columns.items()}, end, contacts))
     figures = RaceFigures(
         f"{recorded.settings.laps} laps of {recorded.settings.course}", recorded.result["classification"],
         [(int(lap), int(sector), str(name), float(gap)) for lap, sector, name, gap in recorded.result["gaps"]],
