@@ -181,14 +181,18 @@ def gains(name: str) -> str:
 
 
 def disturbed(name: str) -> str:
-    """Return riders of one machine on one circuit under disturbances: rides that were whole, and their median lap."""
+    """Return riders of one machine on one circuit under disturbances: rides that were whole, and their median lap.
+
+    Of rides of several flying laps it is that after the first.
+    """
     files = name.split(",")
     tables = {rider: {row["disturbances"]: row for row in read_records(rider)} for rider in files}
     rows = []
     for world in tables[files[0]]:
         laps = [tables[rider][world] for rider in files]
         texts = [f"{lap['whole']} of {lap['rides']}" for lap in laps]
-        times = [f", {float(lap['median_s']):.1f} s" if lap["median_s"] else "" for lap in laps]
+        medians = [lap.get("later_s") or lap["median_s"] for lap in laps]
+        times = [f", {float(median):.1f} s" if median else "" for median in medians]
         title = "as known" if world == "none" else f"`{world}`"
         rows.append([title, *(whole + time for whole, time in zip(texts, times, strict=True))])
     names = [read_head(DATA / f"{rider}.csv")["rider"] for rider in files]

@@ -43,11 +43,15 @@ def test_without_a_guide_it_laps_whole_from_all_around() -> None:
 
 @pytest.mark.slow
 def test_without_a_guide_it_laps_in_worlds_that_nobody_told_it_of(kidney: Path) -> None:
-    """A tenth of the grip is missing from the first metre on, on a circuit that it did not learn on."""
+    """A tenth of the grip is missing from the first metre on, on a circuit that it did not learn on.
+
+    The first lap keeps grip in reserve, the later one less.
+    """
     bundle = load_bundle(ADAPTIVE)
     assert not bundle.action.guided
-    result = ride_races(bundle, "r1", str(kidney), starts=4, disturbances=load_disturbances("road_090"))
-    assert result["whole"] == result["rides"] == 4
+    result = ride_races(bundle, "r1", str(kidney), starts=3, laps=2, disturbances=load_disturbances("road_090"))
+    assert result["whole"] == result["rides"] == 3
+    assert result["times_s"][0] <= result["later_s"] < 0.99 * result["slowest_s"]
 
 
 @pytest.mark.parametrize("name", RACERS)

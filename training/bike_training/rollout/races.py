@@ -64,12 +64,13 @@ def ride_races(
 
     Returns:
         Figures. ``whole`` are the rides that finished their laps with never both contact points outside the limits,
-        ``times_s`` the laps of these, sorted, and ``finished`` counts the flying laps of all rides. ``off_track_s`` is
-        the time with both contact points outside over all flying laps, ``outside_s`` that over all of the rides;
-        ``line_distance_m`` is the mean distance to the followed line, ``steering_change`` and ``throttle_change`` the
-        mean changes from one control period to the next. ``lost`` are the rides that were not whole: number of the
-        start, cause (name of the fall, ``wall``, ``off track`` or ``slow``), and arc length at which it fell or first
-        left the track, m, None of a slow ride.
+        ``times_s`` the laps of these, sorted, ``later_s`` the median of those after their first flying laps (None of a
+        single lap), and ``finished`` counts the flying laps of all rides. ``off_track_s`` is the time with both contact
+        points outside over all flying laps, ``outside_s`` that over all of the rides; ``line_distance_m`` is the mean
+        distance to the followed line, ``steering_change`` and ``throttle_change`` the mean changes from one control
+        period to the next. ``lost`` are the rides that were not whole: number of the start, cause (name of the fall,
+        ``wall``, ``off track`` or ``slow``), and arc length at which it fell or first left the track, m, None of a slow
+        ride.
 
     Raises:
         ValueError: a policy that does not race, a vehicle that is no superbike, a course that is a path, or
@@ -123,6 +124,7 @@ def ride_races(
     ]
     times = sorted(lap.duration for row, done in enumerate(finished) if whole[row] for lap in done)
     median = float(np.median(times)) if times else None
+    later = [lap.duration for row, done in enumerate(finished) if whole[row] for lap in done[1:]]
     steering, throttle = (float(change) / max(1, moments) for change in activity)
     figures = {
         "vehicle": batch.vehicle.name,
@@ -135,6 +137,7 @@ def ride_races(
         "best_s": times[0] if times else None,
         "median_s": median,
         "slowest_s": times[-1] if times else None,
+        "later_s": float(np.median(later)) if later else None,
         "theory_s": theory,
         "median_excess": None if median is None else median / theory - 1.0,
         "off_track_s": float(sum(lap.off_track for done in finished for lap in done)),
