@@ -58,6 +58,19 @@ def test_an_actor_that_answers_nothing_rides_as_its_guide_and_as_the_classical_r
     assert result["best_s"] == pytest.approx(race["best_s"], rel=0.02)
 
 
+def test_the_engine_and_its_step_are_those_asked_for() -> None:
+    """PyBullet and the compiled engine agree to their steps' rounding; another step leads a little elsewhere."""
+    kinds = {"compiled": {}, "pybullet": {"engine": "pybullet"}, "fine": {"time_step": 0.001}}
+    places = {
+        name: ride_races(bundle(0.3), "panigale_v4r", "barcelona", starts=1, **kind)["line_distance_m"]
+        for name, kind in kinds.items()
+    }
+    assert places["pybullet"] == pytest.approx(places["compiled"], abs=1e-6)
+    assert 1e-5 < abs(places["fine"] - places["compiled"]) < 0.1
+    with pytest.raises(ValueError, match="engine 'whipple' has no tyres"):
+        ride_races(bundle(0.3), "panigale_v4r", "barcelona", starts=1, engine="whipple")
+
+
 def test_rides_are_disturbed_and_lost_ones_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A weak engine, and commands that are late, change where a ride that goes straight is lost."""
     policy, weak = tmp_path / "straight", tmp_path / "weak.yaml"

@@ -202,8 +202,8 @@ def run_races(args: argparse.Namespace) -> dict[str, Any]:
     for (machine, circuit), known in itertools.product(pairs, disturbances):
         title = f"{name}, {machine}, {circuit}" + (f", {known.name}" if known.name != "none" else "")
         with progress_bar(title, "s", quiet=args.json) as bar:
-            chosen = args.starts, args.laps, args.share
-            results.append(ride_races(bundle or SETTINGS[name], machine, circuit, *chosen, setter(bar), known))
+            chosen = args.starts, args.laps, args.share, setter(bar), known, args.engine, args.time_step
+            results.append(ride_races(bundle or SETTINGS[name], machine, circuit, *chosen))
     lost = [
         {**{name: each[name] for name in ("vehicle", "circuit", "disturbances")}, **ride}
         for each in results

@@ -15,6 +15,7 @@ from bike_analysis.figures.cells import table_text
 from bike_policy.contract.bundle import DEFAULT_RACER, Bundle, load_bundle
 from bike_policy.planning.plan_verification import sources_digest
 from bike_policy.riders.classical import SETTINGS
+from bike_sim.sim.batch import SUPERBIKE_ENGINE
 from bike_sim.sim.worlds import WorldRide, load_rides
 from bike_training.arguments import make_folder
 from bike_training.commands.declarations import SUPERBIKE
@@ -31,7 +32,7 @@ from bike_training.rollout.worlds import (
 )
 
 ORACLE_NAME: Final = "oracle"
-ALONE: Final = ("vehicle", "course", "disturbances", "in_turn", "share")
+ALONE: Final = ("vehicle", "course", "disturbances", "in_turn", "share", "engine", "time_step")
 """Options that the worlds decide."""
 Records = list[dict[str, Any]]
 
@@ -42,7 +43,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     Raises:
         ValueError: a wrong argument, or a policy that does not race. FileNotFoundError: an unknown name.
     """
-    given = [f"--{name.replace('_', '-')}" for name in ALONE if getattr(args, name, None)]
+    values = {name: getattr(args, name, None) or SUPERBIKE_ENGINE for name in ALONE}
+    given = [f"--{name.replace('_', '-')}" for name, value in values.items() if value != SUPERBIKE_ENGINE]
     if given:
         raise ValueError(f"--worlds decides what {given[0]} would: leave that out")
     rides = load_rides(args.worlds)

@@ -16,6 +16,7 @@ from bike_policy.planning.plan_verification import BatchRider
 from bike_policy.riders.instruments import Instruments
 from bike_policy.riders.racing import PolicyBatch
 from bike_sim.course.lap_timing import Lap
+from bike_sim.physics.engines import check_superbike_engine
 from bike_sim.planning.line_cache import closest_lap
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import SUPERBIKE_ENGINE, Batch
@@ -49,6 +50,8 @@ def ride_races(
     share: float | None = None,
     report: Report = lambda done, total: None,
     disturbances: Disturbances | None = None,
+    engine: str = SUPERBIKE_ENGINE,
+    time_step: float | None = None,
 ) -> dict[str, Any]:
     """Ride from starts all around a circuit.
 
@@ -61,6 +64,8 @@ def ride_races(
         share: part of the planned speed that is asked; None for the policy's own.
         report: called at times with the simulated time so far and the expected one, s.
         disturbances: of the machine, which the rider knows without them, and of what lies between both.
+        engine: that simulates the rides; what riders plan and verify is of the compiled one at its own step.
+        time_step: integration step, s; None for that of the superbike's engines.
 
     Returns:
         Figures. ``whole`` are the rides that finished their laps with never both contact points outside the limits,
@@ -77,8 +82,9 @@ def ride_races(
             disturbances that a superbike cannot have.
         FileNotFoundError: an unknown vehicle or circuit.
     """
-    config = replace(superbike_config(vehicle), engine=SUPERBIKE_ENGINE)
+    config = replace(superbike_config(vehicle, time_step), engine=engine)
     machine = load_superbike(vehicle)
+    check_superbike_engine(engine, machine)
     circuits = CircuitSet(machine, [circuit])
     known = disturbances or Disturbances()
     instruments = Instruments([known] * starts, [machine] * starts, config.control_period)
