@@ -23,30 +23,19 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, plan_line
-from bike_policy.riders.wheel_to_wheel import RaceField
-from bike_sim.course.course import Course
+from bike_policy.riders.wheel_to_wheel import RaceField, unverified_plan
 from bike_sim.sim import look as lk
 from bike_sim.sim import traffic as tr
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.race import Entry, Race, RaceSettings
 from bike_sim.sim.race import race_config as config_of
 from bike_sim.sim.request import ResetRequest
-from bike_sim.vehicles.superbike import Superbike
 
 MACHINES = ("panigale_v4r", "zx10rr", "cbr1000rr_r", "r1", "m1000rr")
 FIRST_CIRCUIT = 500
 SUBSTEPS = 10
 EXIT_SPEED = 45.0
 """Speed at which the throttle is opened before the straight, m/s."""
-PACE = 0.97
-"""Part of a plan's speed that is ridden, since plans of so many circuits are not verified."""
-
-
-def plan_of(machine: Superbike, line: Course) -> LinePlan:
-    """Return a plan that is a little slower than the classical rider's."""
-    plan = plan_line(machine, line, CLASSICAL_SETTINGS)
-    return plan_line(machine, line, CLASSICAL_SETTINGS, PACE * plan.profile.speed[:-1])
 
 
 @njit(cache=True)
@@ -91,7 +80,7 @@ def ridden(race: Race) -> Iterator[NDArray[np.float64]]:
     """Ride a race to its end by the riders of its entries; yield the commands after each step."""
     batch = race.batch
     riders = [entry.rider for entry in race.settings.entries]
-    field = RaceField(riders, batch.vehicles, batch.config.control_period, plan_of)
+    field = RaceField(riders, batch.vehicles, batch.config.control_period, unverified_plan)
     for row in range(race.count):
         field.begin(row, batch, batch.course(row))
     while not race.over:
@@ -161,17 +150,19 @@ def back(count: int, first: int, rider: str) -> Iterator[list[object]]:
         first: seed of the first circuit.
         rider: of the last on the grid.
     """
-    yield ["circuit", "machine", "rider", "gained", "contacts", "avoidable", "end", "race_s"]
+    yield ["circuit", "machine", "rider", "gained", "contacts", "avoidable", "end", "others_out", "race_s"]
     for number in range(first, first + count):
         machine = MACHINES[number % 5]
         entries = [Entry(f"bike_{k}", machine, "classical" if k < 5 else rider) for k in range(6)]
         race = Race(RaceSettings(f"random_circuit:{number}", 1, tuple(entries)))
         for _ in ridden(race):
             pass
-        found = next(result for result in race.classification() if result.name == "bike_5")
+        results = race.classification()
+        found = next(result for result in results if result.name == "bike_5")
+        out = sum(result.end not in ("finished", "running") for result in results if result is not found)
         yield [
             race.settings.course, machine, rider, found.grid - found.position, found.contacts, found.avoidable,
-            found.end, round(race.time, 2),
+            found.end, out, round(race.time, 2),
         ]  # fmt: skip
         race.close()
 

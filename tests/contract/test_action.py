@@ -130,3 +130,12 @@ def test_limits_that_mean_nothing_are_refused(within, why):
 def test_limits_of_a_card_that_are_none_are_refused(within):
     with pytest.raises(ValueError, match="perhaps within, pairs of"):
         ActionLayout.from_card({"columns": [{"meaning": STEERING_SET_VALUE, "scale": 1.2, "within": within}]})
+
+
+def test_the_rate_of_a_target_stands_in_the_card():
+    offset = ActionColumn(LINE_OFFSET, 3.0, rate=2.5)
+    layout = ActionLayout((offset, ActionColumn(PACE, 0.08)))
+    assert ActionLayout.from_card(layout.to_card()) == layout
+    assert "rate" not in GUIDED.to_card()["columns"][0]
+    with pytest.raises(ValueError, match="rate of line_offset"):
+        ActionColumn(LINE_OFFSET, 3.0, rate=-1.0)

@@ -10,9 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bike_policy.contract.action import LINE_OFFSET, PACE, ActionColumn, ActionLayout
+from bike_policy.contract.bundle import Actor, Bundle
+from bike_policy.contract.observation import RACE_LAYOUTS
 from bike_policy.planning.grip import AdaptiveLaw
-from bike_policy.planning.lap_plan import CLEARANCE, GUIDE, plan_line
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, CLEARANCE, GUIDE, P_FASTER, plan_line
 from bike_policy.planning.line_law import OFFSET, STEERING, LineLaw
+from bike_policy.riders.racing import PASSING_ROOM, PolicyBatch, with_passing_room
 from bike_sim.course.course import Course
 from bike_sim.physics import state as ps
 from bike_sim.schema import SIGNALS
@@ -206,3 +210,38 @@ def test_few_slow_starts_throw_the_guide_down(panigale: Superbike) -> None:
     fallen = int(batch.fallen.sum())
     batch.close()
     assert fallen <= 1
+
+
+def test_who_sees_others_and_holds_still_rides_as_the_lone_classical_rider(panigale: Superbike) -> None:
+    """The same plan and law; a target beside the line is reached at its rate, and faster is granted on straights."""
+    line = circle(60.0, 1.0)
+    plan = plan_line(panigale, line, CLASSICAL_SETTINGS)
+    faster = with_passing_room(plan).table[:, P_FASTER]
+    assert (faster == PASSING_ROOM).all()  # a circle has no straight
+    action = ActionLayout((ActionColumn(LINE_OFFSET, 3.0, rate=2.0), ActionColumn(PACE, 0.08)))
+    size = RACE_LAYOUTS["wheel_to_wheel"].size
+    still = Actor([np.zeros((2, size), dtype=np.float32)], [np.zeros(2, dtype=np.float32)])
+    left = Actor([np.zeros((2, size), dtype=np.float32)], [np.array([9.0, 0.0], dtype=np.float32)])
+    states = []
+    for actor in (still, left, None):
+        batch = Batch(1, replace(superbike_config(panigale.name), engine=SUPERBIKE_ENGINE))
+        speed = float(plan.profile.speed[0])
+        batch.reset(0, ResetRequest(course="barcelona", line=0.0, speed_range=(speed, speed)))
+        rider = AdaptiveLaw(panigale, 0.02, CLASSICAL_SETTINGS, 1, lambda _: plan)
+        policy = None
+        if actor is not None:
+            bundle = Bundle("p", actor, RACE_LAYOUTS["wheel_to_wheel"], action, panigale.name, 0.02)
+            policy = PolicyBatch(bundle, panigale, 0.02, 1, lambda _: plan)
+        (policy or rider).begin(0, batch, line)
+        targets = []
+        for step in range(40):
+            batch.step((policy or rider).commands(batch, step))
+            law = rider.law if policy is None else policy.interface._guide.law
+            targets.append(float(law.memory[0, OFFSET]))
+        states.append(batch.state[0].copy())
+        if actor is left:
+            assert 0.0 < targets[-1] < 2.0 * 0.8
+            assert np.diff(targets).max() < 1.3 * 2.0 * 0.02
+        batch.close()
+    np.testing.assert_allclose(states[0], states[2], atol=1e-6)
+    assert abs(states[1] - states[2]).max() > 1e-3

@@ -188,6 +188,30 @@ def test_rides_that_meet_go_on_from_a_checkpoint() -> None:
     assert batch.opponents.tobytes() == other.opponents.tobytes()
 
 
+def test_races_of_one_batch_do_not_meet() -> None:
+    """Two races on the same places of one batch ride the bits of each alone, and one begins anew without the other."""
+    starts = [(0.0, 0.0, 0.0, 40.0), (-12.0, 0.3, 0.0, 43.0)]
+    alone, both = placed(starts), Batch(4, CONFIG, together=(0, 1, 0, 1))
+    for race in (0, 1):
+        for row, (ahead, beside, heading, speed) in zip((race, race + 2), starts, strict=True):
+            place = {"progress": STRAIGHT + ahead, "start_offset": beside, "start_heading": heading}
+            both.reset(row, ResetRequest(course="barcelona", line=0.0, speed_range=(speed, speed), **place))
+        both.meet(race)
+        for _ in range(30 * (1 - race)):  # the first race rides on while the second begins
+            step(alone, 0.5)
+            step(both, 0.5)
+    assert both.state[[0, 2]].tobytes() == alone.state.tobytes()
+    assert both.opponents[[0, 2]].tobytes() == alone.opponents.tobytes()
+    fresh = placed(starts)
+    assert both.opponents[[1, 3]].tobytes() == fresh.opponents.tobytes()
+    for _ in range(30):
+        step(both, 0.5)
+        step(fresh, 0.5)
+    assert both.state[[1, 3]].tobytes() == fresh.state.tobytes()
+    with pytest.raises(ValueError, match="the race of each"):
+        Batch(3, CONFIG, together=(0, 1))
+
+
 def test_rows_that_cannot_meet_are_refused() -> None:
     """Rows on different courses, or in a batch that was not made for it, get one clear error."""
     with pytest.raises(ValueError, match="one circuit"):

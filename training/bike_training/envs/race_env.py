@@ -12,19 +12,19 @@ from pettingzoo import ParallelEnv
 
 from bike_policy.contract.observation import Rows
 from bike_policy.riders.wheel_to_wheel import RaceField
+from bike_sim.sim import look as lk
 from bike_sim.sim.race import TOUCHED, Race, RaceSettings
 from bike_sim.sim.request import ResetRequest
 from bike_training.envs.env import task_spaces
-from bike_training.tasks.base import TaskState, sum_of
-from bike_training.tasks.race import RaceTask
+from bike_training.tasks.base import sum_of
+from bike_training.tasks.race import RACE_WEIGHTS, RaceState, RaceTask, places
 
 Observation = NDArray[np.float32]
 
-PLACE_REWARD: Final = 10.0
-"""Reward for each place gained on the road."""
-CONTACT_REWARD: Final = -5.0
-"""Reward for each contact that a machine is part of."""
-RACE_TASK: Final = RaceTask(observation="wheel_to_wheel", guided=True, offset=3.0, pace=0.08, max_steps=100_000)
+RACE_TASK: Final = RaceTask(
+    observation="wheel_to_wheel", guided=True, repeat=10, offset=3.0, offset_rate=3.0, pace=0.08, max_steps=100_000,
+    weights={**RACE_WEIGHTS, "place": 10.0, "contact": 5.0},
+)  # fmt: skip
 """Task of each machine by default: line and pace of a guide, from what is seen of others; it lasts as long as the race.
 """
 
@@ -53,14 +53,14 @@ class RaceRides:
         unknown = [name for name in learners if name not in names]
         if unknown or not learners:
             raise ValueError(f"no machine is called {unknown}; there are {', '.join(names)}")
-        if "opponents" not in task.layout.terms:
+        if not task.layout.sees_others:
             raise ValueError(f"observation {task.observation!r} cannot see others: it has no term 'opponents'")
         self.race, self.task = Race(settings), task
         self.rows = {name: names.index(name) for name in learners}
         batch = self.race.batch
         riders = ["" if entry.name in learners else entry.rider for entry in settings.entries]
         self._field = RaceField(riders, batch.vehicles, batch.config.control_period)
-        self._states: dict[str, TaskState] = {
+        self._states: dict[str, RaceState] = {
             name: task.make_state(1, batch.vehicles[row]) for name, row in self.rows.items()
         }
 
@@ -86,7 +86,7 @@ class RaceRides:
             actions: of the learners that are still in the race; the others coast.
         """
         race = self.race
-        before = {row: place for place, row in enumerate(race.positions())}
+        before = self._standing()
         for name, action in actions.items():
             self._states[name].act(self._row(self.rows[name]), np.asarray(action, dtype=np.float64)[None])
         contacts = dict.fromkeys(self.rows, 0)
@@ -102,15 +102,22 @@ class RaceRides:
                 self._states[name].advance(self._row(self.rows[name]))
             if race.over:
                 break
-        after = {row: place for place, row in enumerate(race.positions())}
+        gained = self._standing() - before
         rewards, failed = {}, {}
         for name in actions:
             row = self.rows[name]
+            self._states[name].note(place=gained[[row]], contact=np.array([contacts[name]]))
             terms, over = self._states[name].evaluate(self._row(row))
-            gained = before[row] - after[row]
-            rewards[name] = float(sum_of(terms)[0]) + PLACE_REWARD * gained + CONTACT_REWARD * contacts[name]
+            rewards[name] = float(sum_of(terms)[0])
             failed[name] = bool(over[0]) or bool(race.batch.fallen[row])
         return rewards, failed
+
+    def _standing(self) -> NDArray[np.float64]:
+        """Return the places of all rows, see `places`."""
+        along = self.race.batch.place[:, lk.CENTRE_PROGRESS]
+        ahead = along[:, None] - along
+        np.fill_diagonal(ahead, np.nan)
+        return places(ahead)
 
     def riding(self, name: str) -> bool:
         """Return whether a learner's race goes on."""

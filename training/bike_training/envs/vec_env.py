@@ -76,11 +76,15 @@ class BatchVecEnv(VecEnv):
             seed: seed of all rides.
             machines: names or files that the rows take in turn, where there are several; none for the config's.
         """
+        self._prepare(count, task, episodes, seed)
+        self.batch, self.rides = batch_of(task, count, config, machines)
+
+    def _prepare(self, count: int, task: Task, episodes: Episodes, seed: int) -> None:
+        """Make room for a number of learners."""
         self.render_mode = None
-        super().__init__(count, *task_spaces(task))
+        VecEnv.__init__(self, count, *task_spaces(task))
         self.task = task
         self.episodes = episodes
-        self.batch, self.rides = batch_of(task, count, config, machines)
         self.rng = np.random.default_rng(seed)
         self.steps = np.zeros(count, dtype=np.int64)
         self.full_episodes = np.zeros(count, dtype=np.int64)
@@ -133,12 +137,16 @@ class BatchVecEnv(VecEnv):
 
         After :meth:`seed` the draws start again with that seed.
         """
-        if self._seeds[0] is not None:
-            self.rng = np.random.default_rng(self._seeds[0])
-        self._reset_seeds()
+        self._draw_anew()
         for index in range(self.num_envs):
             self.begin(index)
         return self.rides.observe(self.batch)
+
+    def _draw_anew(self) -> None:
+        """Start the draws again where a seed was set."""
+        if self._seeds[0] is not None:
+            self.rng = np.random.default_rng(self._seeds[0])
+        self._reset_seeds()
 
     def begin(self, index: int) -> None:
         """Begin a new ride of a vehicle."""
@@ -174,13 +182,8 @@ class BatchVecEnv(VecEnv):
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         ended = terminated | truncated
         for index in np.flatnonzero(ended):
-            infos[index] = {
-                "terminal_observation": observations[index].copy(),
-                "TimeLimit.truncated": bool(truncated[index]),
-                "episode": {"r": float(self.returns[index]), "l": int(self.steps[index]), "t": 0.0},
-                "request": self._requests[index],
-                "progress": float(self.batch.look[index, lk.PROGRESS]),
-            }
+            progress = float(self.batch.look[index, lk.PROGRESS])
+            infos[index] = self._info(int(index), observations[index].copy(), bool(truncated[index]), progress)
             if truncated[index] and self.task.continues and self.full_episodes[index] == 0:
                 self.full_episodes[index] = 1
                 self.steps[index] = 0
@@ -190,6 +193,23 @@ class BatchVecEnv(VecEnv):
         if ended.any():
             observations = self.rides.observe(self.batch)
         return observations, rewards, ended, infos
+
+    def _info(self, index: int, observation: NDArray[np.float32], truncated: bool, progress: float) -> dict[str, Any]:
+        """Return what is told of an episode that has ended.
+
+        Args:
+            index: of the vehicle.
+            observation: its last one.
+            truncated: whether it did not fail.
+            progress: where it ended, arc length of the followed line, m.
+        """
+        return {
+            "terminal_observation": observation,
+            "TimeLimit.truncated": truncated,
+            "episode": {"r": float(self.returns[index]), "l": int(self.steps[index]), "t": 0.0},
+            "request": self._requests[index],
+            "progress": progress,
+        }
 
     def close(self) -> None:
         """Release the engines."""

@@ -15,6 +15,7 @@ from bike_sim.documents import DocumentError, alternatives, check_name, parse_ya
 from bike_training.curricula.base import CurriculumSettings
 from bike_training.curricula.parts import PartsSettings
 from bike_training.curricula.race import RaceCurriculumSettings
+from bike_training.curricula.rivals import RivalsSettings
 from bike_training.curricula.spdl import ScheduleSettings, SpdlSettings, TargetSettings
 from bike_training.settings import (
     AT_LEAST_0,
@@ -201,6 +202,7 @@ KINDS: Final[Mapping[str, Mapping[str, type[Any]]]] = {
         "spdl": SpdlSettings,
         "target": TargetSettings,
         "schedule": ScheduleSettings,
+        "rivals": RivalsSettings,
     },
     "learner": {**dict.fromkeys(SAC_LEARNERS, SacSettings), "gradients": GradientSettings},
 }
@@ -227,10 +229,15 @@ class Preset:
         """Refuse settings that mean nothing together.
 
         Raises:
-            ValueError: a curriculum for a learner that has rides of its own.
+            ValueError: a curriculum for a learner that has rides of its own, or of races for a task that sees nobody.
         """
         if isinstance(self.learner, GradientSettings) and self.curriculum != PartsSettings():
             raise ValueError(f"learner {self.learner.learner} rides rides of its own: it takes no curriculum")
+        if isinstance(self.curriculum, RivalsSettings) and not self.task.layout.sees_others:
+            raise ValueError(
+                f"curriculum rivals is of races: task.observation={self.task.layout.name!r} cannot see others, and "
+                "wheel_to_wheel can"
+            )
 
     @property
     def sac(self) -> SacSettings:

@@ -30,8 +30,10 @@ from bike_sim.vehicles.files import load_vehicle
 from bike_training.arguments import write_whole
 from bike_training.curricula.base import EndedEpisode, Episodes
 from bike_training.curricula.parts import RideRanges
+from bike_training.curricula.rivals import RivalsSettings
 from bike_training.envs.env import BikeEnv
 from bike_training.envs.node_process import NodeLost
+from bike_training.envs.race_vec_env import RaceVecEnv
 from bike_training.envs.vec_env import BatchVecEnv, SimulatorVecEnv
 from bike_training.interruption import signals_handled
 from bike_training.learning.checkpoint import Checkpoint, find_checkpoint, holds_run, save_checkpoint
@@ -51,6 +53,7 @@ from bike_training.learning_packages import missing_package
 from bike_training.rollout.stability import is_stable
 from bike_training.settings import to_plain
 from bike_training.tasks.base import Task
+from bike_training.tasks.race import RaceTask
 
 if TYPE_CHECKING:
     from bike_training.learning.episode_recording import Standing, TrainingRecorder
@@ -67,6 +70,10 @@ class StopLearning(Exception):
 def make_environment(settings: RunSettings, task: Task, episodes: Episodes) -> VecEnv:
     """Return the vector environment of a run, not yet seeded for it."""
     count = settings.preset.sac.environments
+    if isinstance(settings.preset.curriculum, RivalsSettings):
+        if not settings.compiled or not isinstance(task, RaceTask):
+            raise ValueError("curriculum rivals is for superbikes on the compiled engine in this process")
+        return RaceVecEnv(count, task, episodes, settings.simulator(), settings.seed, settings.machines)
     if settings.compiled:
         return BatchVecEnv(count, task, episodes, settings.simulator(), settings.seed, settings.machines)
     # The monitor tells length and return of each episode, as the compiled environment does itself.

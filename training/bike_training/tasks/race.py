@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from bike_policy.contract.action import DRIVE, LEAN_REQUEST, LINE_OFFSET, PACE, ActionColumn, ActionLayout
 from bike_policy.contract.observation import RACE_LAYOUTS, ObservationLayout, VehicleRows
 from bike_policy.contract.reference import OPEN
+from bike_policy.planning.lap_plan import Planner
 from bike_policy.riders.racing import RaceInterface
 from bike_sim.course.course import Course
 from bike_sim.physics.state import ROLL, ROLL_RATE, STEER
@@ -55,10 +56,11 @@ _SPEED, _VERTICAL_VELOCITY, _FALL = map(SIGNALS.index, ("speed", "vertical_veloc
 
 
 REWARD_TERMS: Final[Mapping[str, Callable[[FloatArray], FloatArray]]] = {
-    **{name: np.positive for name in ("progress", "gain")},
+    **{name: np.positive for name in ("progress", "gain", "place")},
     **{name: np.negative for name in (
         "off_track", "wall", "steer_change", "lean_change", "rate_change", "steer_history", "lean_history", "max_lean",
-        "slip_ratio", "slip_angle", "motion", "tyre_use", "line", "overspeed", "effort", "fall", "failure",
+        "slip_ratio", "slip_angle", "motion", "tyre_use", "line", "overspeed", "effort", "fall", "failure", "contact",
+        "avoidable",
     )},
     **{name: lambda change: -(change**2) for name in ("steering_change", "throttle_change")},
 }  # fmt: skip
@@ -80,8 +82,24 @@ REWARD_TERMS: Final[Mapping[str, Callable[[FloatArray], FloatArray]]] = {
 - ``effort``: sum of the squares of the action
 - ``fall``: 1 where the ride is over
 - ``failure``: 1 where the episode fails for any reason
+- ``place``: places gained in a race, counted evenly while another is passed, see `places`
+- ``contact``, ``avoidable``: incidents with others, and those that the stewards punish
 
-All but progress and gain are at most 0."""
+All but progress, gain and place are at most 0."""
+
+PLACE_DISTANCE: Final = 20.0
+"""Distance ahead or behind over which a place counts as gained for the most part, m."""
+
+
+def places(ahead: FloatArray) -> FloatArray:
+    """Return how many others are behind; who is near counts as a part, so that closing up is worth something.
+
+    Args:
+        ahead: distance to each other along the circuit, m, positive where it is behind, NaN for none; shape
+            (n, others).
+    """
+    return np.nansum(0.5 * (1.0 + np.tanh(ahead / PLACE_DISTANCE)), axis=1)
+
 
 RACE_WEIGHTS: Final[Mapping[str, float]] = {
     "progress": 0.6,
@@ -110,6 +128,7 @@ class RaceTask(Task):
         lean_scale: part of the virtual rider's largest lean that action 1 asks for.
         guided: whether actions are targets of a guide.
         offset: farthest from the followed line with a guide, m.
+        offset_rate: largest rate at which that target moves, m/s; 0 for no limit.
         pace: largest change of the planned speed with a guide, as a part of it.
         any_tyre: whether one contact point outside the limits is off the track, as published; else both.
         masked: whether progress counts on the track only (Wurman et al. 2022).
@@ -125,7 +144,7 @@ class RaceTask(Task):
     limits: ClassVar = {
         **dict.fromkeys(("repeat", "max_steps"), AT_LEAST_1),
         **dict.fromkeys(("largest_lean", "lean_scale", "offset", "pace", "validation_duration"), POSITIVE),
-        **dict.fromkeys(("off_track_time", "wrong_way_time", "stalled_time"), AT_LEAST_0),
+        **dict.fromkeys(("offset_rate", "off_track_time", "wrong_way_time", "stalled_time"), AT_LEAST_0),
     }
 
     task: str = "race"
@@ -137,6 +156,7 @@ class RaceTask(Task):
     lean_scale: float = 0.95
     guided: bool = False
     offset: float = 0.6
+    offset_rate: float = 0.0
     pace: float = 0.05
     any_tyre: bool = True
     masked: bool = True
@@ -173,12 +193,13 @@ class RaceTask(Task):
     def action(self) -> ActionLayout:
         """Lean request, and throttle or brake; or line and pace of a guide."""
         if self.guided:
-            return ActionLayout((ActionColumn(LINE_OFFSET, self.offset), ActionColumn(PACE, self.pace)))
+            offset = ActionColumn(LINE_OFFSET, self.offset, rate=self.offset_rate)
+            return ActionLayout((offset, ActionColumn(PACE, self.pace)))
         return ActionLayout((ActionColumn(LEAN_REQUEST, self.lean_scale), ActionColumn(DRIVE)))
 
-    def make_state(self, count: int, vehicle: Vehicle) -> RaceState:
-        """Return the state of the task for a number of machines."""
-        return RaceState(self, count, vehicle)
+    def make_state(self, count: int, vehicle: Vehicle, plan: Planner | None = None) -> RaceState:
+        """Return the state of the task for a number of machines, whose guide rides verified plans or others."""
+        return RaceState(self, count, vehicle, plan)
 
     def strict(self) -> RaceTask:
         """Return the task as validations ride it: the first moment with both contact points outside fails."""
@@ -230,14 +251,14 @@ class RaceState(TaskState):
         interface: observations and commands.
     """
 
-    def __init__(self, task: RaceTask, count: int, vehicle: Vehicle) -> None:
-        """Plan a task for a number of machines.
+    def __init__(self, task: RaceTask, count: int, vehicle: Vehicle, plan: Planner | None = None) -> None:
+        """Plan a task for a number of machines, whose guide rides verified plans or those of `plan`.
 
         Raises:
             ValueError: it is no superbike.
         """
         self._task, self._count, self._period = task, count, vehicle.control_period
-        self.interface = RaceInterface(task.layout, task.action, vehicle, self._period, count)
+        self.interface = RaceInterface(task.layout, task.action, vehicle, self._period, count, plan)
         self._signals = self._no_signals()
         self._progress = np.zeros(count)
         self._rate = np.ones(count)
@@ -335,6 +356,11 @@ class RaceState(TaskState):
         changes = self._past[:, :-1:lag] - self._past[:, lag::lag]
         self._signals["steer_history"] += part * history_penalty(changes[:, :, 0])
         self._signals["lean_history"] += part * history_penalty(changes[:, :, 1] / LEAN_FACTOR)
+
+    def note(self, **signals: FloatArray) -> None:
+        """Add signals that whoever runs the race knows, by the names of their terms, shape (n,) each."""
+        for name, values in signals.items():
+            self._signals[name] = self._signals[name] + values
 
     def evaluate(self, rows: VehicleRows) -> StepResult:
         """Return the outcome of the decision."""

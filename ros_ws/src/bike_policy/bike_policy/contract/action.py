@@ -44,11 +44,13 @@ class ActionColumn:
         scale: value of action 1, in the unit of the meaning.
         within: pairs of a speed (m/s, growing) and the largest value there on either side, in the unit of the meaning;
             linear between them, constant beyond them. Empty for no limit but the scale.
+        rate: largest rate at which a guide's target moves, in the unit of the meaning by s; 0 for no limit.
     """
 
     meaning: str
     scale: float = 1.0
     within: tuple[tuple[float, float], ...] = ()
+    rate: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse an unknown meaning, and a scale or limits that are not positive.
@@ -60,6 +62,8 @@ class ActionColumn:
             raise ValueError(f"unknown action meaning {self.meaning!r}, this software knows {', '.join(MEANINGS)}")
         if not math.isfinite(self.scale) or self.scale <= 0.0:
             raise ValueError(f"action scale of {self.meaning} must be positive and finite, got {self.scale!r}")
+        if not (math.isfinite(self.rate) and self.rate >= 0.0):
+            raise ValueError(f"rate of {self.meaning} must be finite and at least 0, got {self.rate!r}")
         speeds = [speed for speed, _ in self.within]
         numbers = [number for pair in self.within for number in pair]
         if not all(math.isfinite(number) and number > 0.0 for number in numbers) or speeds != sorted(set(speeds)):
@@ -199,7 +203,8 @@ class ActionLayout:
         columns = []
         for column in self.columns:
             within = {"within": [list(pair) for pair in column.within]} if column.within else {}
-            columns.append({"meaning": column.meaning, "scale": float(column.scale), **within})
+            rate = {"rate": float(column.rate)} if column.rate else {}
+            columns.append({"meaning": column.meaning, "scale": float(column.scale), **within, **rate})
         return {"columns": columns}
 
     @classmethod
@@ -210,19 +215,22 @@ class ActionLayout:
             ValueError: a missing or unknown entry.
         """
         try:
-            if set(card) != {"columns"} or any(set(c) - {"meaning", "scale", "within"} for c in card["columns"]):
+            if set(card) != {"columns"} or any(
+                set(c) - {"meaning", "scale", "within", "rate"} for c in card["columns"]
+            ):
                 raise KeyError
             columns = [
                 (
                     str(c["meaning"]),
                     float(c["scale"]),
                     tuple((float(v), float(most)) for v, most in c.get("within", ())),
+                    float(c.get("rate", 0.0)),
                 )
                 for c in card["columns"]
             ]
         except (KeyError, TypeError, ValueError, AttributeError):
             raise ValueError(
                 "action of the card must hold a list of columns, each with meaning, scale and perhaps within, pairs of "
-                f"a speed and a limit, got {card!r:.200}"
+                f"a speed and a limit, and rate, got {card!r:.200}"
             ) from None
         return cls(tuple(ActionColumn(*column) for column in columns))

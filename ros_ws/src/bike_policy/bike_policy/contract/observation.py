@@ -494,6 +494,11 @@ class ObservationLayout:
         """Whether it is of superbikes on circuits; else of bicycles on paths."""
         return bool(self.terms) and self.terms[0] in RACE_TERMS
 
+    @property
+    def sees_others(self) -> bool:
+        """Whether it shows the nearest others in a race."""
+        return "opponents" in self.terms
+
     @cached_property
     def places(self) -> dict[str, slice]:
         """Places of each term's numbers in an observation."""
@@ -710,8 +715,8 @@ GUIDED: Final = replace(COMPACT, name="guided", terms=(*COMPACT.terms, "guide"))
 CONDITIONED: Final = replace(GUIDED, name="conditioned", terms=(*GUIDED.terms, "machine"))
 """The same, and the descriptor of the vehicle: for one policy of many vehicles."""
 
-WHEEL_TO_WHEEL: Final = replace(CONDITIONED, name="wheel_to_wheel", terms=(*CONDITIONED.terms, "opponents"))
-"""The same, and the nearest others: for races with them."""
+WHEEL_TO_WHEEL: Final = replace(GUIDED, name="wheel_to_wheel", terms=(*GUIDED.terms, "opponents"))
+"""Those of guided policies, and the nearest others: for races with them."""
 
 RACE_LAYOUTS: Final[Mapping[str, ObservationLayout]] = {
     layout.name: layout for layout in (COMPACT, ADAPTIVE, GUIDED, CONDITIONED, WHEEL_TO_WHEEL, PAPER_RACE)

@@ -332,6 +332,25 @@ def _bend(memory: FloatArray, plans: Plans, row: int, s: float) -> float:
 
 
 @njit(cache=True)
+def inside_pace(plans: Plans, row: int, s: float, speed: float, offset: float) -> float:
+    """Return the change of the planned speed that a distance from the line asks: inside it the corner is tighter."""
+    pace = 0.0
+    for look in range(LOOKS + 1):
+        bend = plan_at(plans, row, P_CURVATURE, s + 0.3 * look * speed)
+        pace = min(pace, -0.5 * min(max(bend * offset, 0.0), 0.5))
+    return pace
+
+
+@njit(cache=True)
+def slower_inside(observed: FloatArray, targets: FloatArray, plans: Plans) -> None:
+    """Bound the paces of targets by those of their distances from the line, in place, see `inside_pace`."""
+    for row in range(len(observed)):
+        bound = inside_pace(plans, row, observed[row, PROGRESS], max(observed[row, SPEED], 1.0), targets[row, 0])
+        if bound < 0.0:
+            targets[row, 1] = min(targets[row, 1], bound)
+
+
+@njit(cache=True)
 def plan_at(plans: Plans, row: int, column: int, s: float) -> float:
     """Return a column of a ride's plan at an arc length of any lap."""
     table, offset, last, spacing = plans

@@ -35,6 +35,7 @@ from bike_policy.planning.line_law import (
     SPEED,
     LineLaw,
     Plans,
+    inside_pace,
     plan_at,
     seen_of,
 )
@@ -237,10 +238,8 @@ def _decide(
         rate = ESCAPE_RATE
     move = (held - offset) / (ESCAPE_TIME if rate == ESCAPE_RATE else SETTLING)
     offset = memory[_OFFSET] = offset + period * min(max(move, -rate), rate)
-    for look in range(NEAR_LOOKS + 1):  # inside the line the corner is tighter
-        bend = plan_at(plans, row, P_CURVATURE, s + 0.3 * look * speed)
-        if bend * offset > 0.0:
-            pace = min(pace, -0.5 * min(bend * offset, 0.5))
+    bound = inside_pace(plans, row, s, speed, offset)
+    pace = min(pace, bound) if bound < 0.0 else pace
     if turn_in < NEAR:  # who is not where it wants to be has to turn harder than planned
         pace = min(pace, -ASTRAY * max(abs(here - offset) - 0.5, 0.0))
     target[0], target[1] = offset, max(pace, SLOWEST - 1.0)

@@ -22,6 +22,7 @@ from bike_policy.contract.action import ActionLayout
 from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.observation import (
     DESCRIPTOR,
+    LATERAL_ERROR,
     ROLL,
     SPEED,
     STEER,
@@ -34,7 +35,14 @@ from bike_policy.contract.observation import (
 from bike_policy.contract.reference import OPEN, ReferenceRows
 from bike_policy.planning import line_law as ll
 from bike_policy.planning.grip import FIRST_ERROR, AdaptiveLaw, GripMemory, ShakeReflex
-from bike_policy.planning.lap_plan import GUIDE, LinePlan, Planner, references_of
+from bike_policy.planning.lap_plan import (
+    CLASSICAL_SETTINGS,
+    GUIDE,
+    UNLIMITED,
+    LinePlan,
+    Planner,
+    references_of,
+)
 from bike_policy.planning.plan_verification import Rollouts, verified_margin, verified_plan
 from bike_policy.planning.ride_observer import RideObserver
 from bike_policy.riders.rider import LearnedRider
@@ -47,6 +55,10 @@ from bike_sim.vehicles.superbike import Superbike
 
 FloatArray = NDArray[np.float64]
 
+PASSING_ROOM: Final = 0.03
+"""What who sees others may ask for beyond the planned speed in corners and on the brake, as a part of it."""
+UPRIGHT: Final = 3.0
+"""Lateral acceleration up to which drive alone limits the speed, m/s^2."""
 DRIVE_SPEEDS: Final = (20.0, 40.0, 60.0, 80.0)
 """Speeds at which the descriptor holds the engine's force, m/s."""
 FEATURE_MEAN: Final = np.array([280.0, 1.45, 0.63, 0.70, 0.33, 1.2, 1.2, 0.8, 0.6])
@@ -108,11 +120,20 @@ class RaceInterface:
         if "guide" in layout.terms and not action.guided:
             raise ValueError(f"layout {layout.name!r} shows the guide's commands, and there is no guide")
         self._layout, self._action, self._max_steer = layout, action, vehicle.max_steer
+        self._offset_step = period * action.columns[0].rate
+        self._offsets = np.zeros(count)
         adaptive = "grip" in layout.terms
         self._planned = references_of(vehicle, adaptive)
         self._grip = GripMemory(vehicle, period, count, layout.unseen) if adaptive else None
         self._reflex = ShakeReflex(period, count) if layout.unseen else None
-        self._guide = AdaptiveLaw(vehicle, period, GUIDE, count, plan) if action.guided else None
+        self._guide = None
+        if action.guided and layout.sees_others:  # it rides the plans of the classical riders that it meets
+            base = plan or (lambda line: verified_plan(vehicle, line, CLASSICAL_SETTINGS, period))
+            self._guide = AdaptiveLaw(
+                vehicle, period, CLASSICAL_SETTINGS, count, lambda line: with_passing_room(base(line))
+            )
+        elif action.guided:
+            self._guide = AdaptiveLaw(vehicle, period, GUIDE, count, plan)
         self.observer = RideObserver(vehicle, period, count) if self._guide is None else self._guide.observer
         self.references = ReferenceRows(count, adaptive)
         self.memory = RideMemory(
@@ -166,6 +187,8 @@ class RaceInterface:
         self.references.begin(row, self._planned(line), self._layout.share if share is None else share, cap)
         memory, state = self.memory, rows.state[row]
         memory.rolls[row], memory.steers[row], memory.actions[row] = state[ROLL], state[STEER], 0.0
+        if self._offset_step and self._guide is not None:  # it goes to its line from where it is
+            self._offsets[row] = self._guide.law.memory[row, ll.OFFSET] = rows.look[row, LATERAL_ERROR]
 
     def observe(self, rows: VehicleRows) -> NDArray[np.float32]:
         """Return the observations, shape (n, layout size)."""
@@ -199,6 +222,11 @@ class RaceInterface:
             commands = self._action.to_commands(actions, self._max_steer, rows.look[:, SPEED])
             return commands if self._reflex is None else self._reflex.commands(self.observer.observe(rows), commands)
         targets = self._action.to_targets(actions)
+        if self._offset_step:
+            self._offsets += np.clip(targets[:, 0] - self._offsets, -self._offset_step, self._offset_step)
+            targets[:, 0] = self._offsets
+            seen = np.nan_to_num(ll.seen_of(rows.state, rows.look))
+            ll.slower_inside(seen, targets, self._guide.law.plans)
         # What the targets change is the speed that is asked.
         targets[:, 1] = self.references.share * (1.0 + targets[:, 1]) - 1.0
         return self._guide.commands(rows, targets=targets)
@@ -208,12 +236,15 @@ class RaceInterface:
         law = {"observer": self.observer.state_dict()} if self._guide is None else self._guide.state_dict()
         inferred = {} if self._grip is None else {"inferred": self._grip.state_dict()}
         inferred |= {} if self._reflex is None else {"reflex": self._reflex.state_dict()}
-        return {name: getattr(self.memory, name).copy() for name in _STORED} | law | inferred
+        own = {"offsets": self._offsets.copy()} if self._offset_step else {}
+        return {name: getattr(self.memory, name).copy() for name in _STORED} | own | law | inferred
 
     def restore(self, stored: Mapping[str, Any]) -> None:
         """Continue from what :meth:`state_dict` returned, after each row has begun again."""
         for name in _STORED:
             getattr(self.memory, name)[...] = stored[name]
+        if self._offset_step:
+            self._offsets[...] = stored["offsets"]
         if self._guide is None:
             self.observer.restore(stored["observer"])
         else:
@@ -229,6 +260,13 @@ class RaceInterface:
         self.references.grip[:] = inferred.expected
         shown = (inferred.expected, inferred.grip, np.sqrt(inferred.variance))
         self.memory.grip[:] = np.stack(shown, axis=1)
+
+
+def with_passing_room(plan: LinePlan) -> LinePlan:
+    """Return a plan that bounds what targets may add to its speed but where drive alone limits it."""
+    profile = plan.profile
+    driving = (np.abs(profile.lateral) < UPRIGHT) & (profile.longitudinal > 0.0)
+    return plan.with_room_above(np.where(driving, UNLIMITED, PASSING_ROOM)[:-1])
 
 
 _STORED: Final = ("rolls", "steers", "actions")
@@ -247,14 +285,16 @@ class PolicyBatch:
             vehicle: the machine.
             period: control period, s.
             count: number of machines.
-            plan: plans the guide's laps; None for verified ones that leave the policy as much room as it can ride.
+            plan: plans the guide's laps; None for verified ones, that leave a policy that sees nobody as much room as
+                it can ride.
 
         Raises:
             ValueError: a policy that does not race, or a vehicle that is no superbike.
         """
         if not bundle.layout.races:
             raise ValueError(f"policy {bundle.name!r} follows paths; it cannot race")
-        plan = plan or (lambda line: verified_for(bundle, vehicle, line, period))
+        if not bundle.layout.sees_others:
+            plan = plan or (lambda line: verified_for(bundle, vehicle, line, period))
         self._actor, self._repeat = bundle.actor, bundle.layout.repeat
         self.interface = RaceInterface(bundle.layout, bundle.action, vehicle, period, count, plan)
 

@@ -146,7 +146,7 @@ def check_race(rider: Rider, vehicle: Vehicle) -> None:
     if isinstance(rider, DefaultRider):
         rider = make_rider(default_name(vehicle))
     bundle = bundle_of(rider)
-    seen = bundle is not None and "opponents" in bundle.layout.terms
+    seen = bundle is not None and bundle.layout.sees_others
     if not seen and not isinstance(rider, SoloRider) and not getattr(_innermost(rider), "races", False):
         raise ValueError(blind_words(rider.name))
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_policy.contract.observation import Rows, VehicleRows
 from bike_policy.planning.grip import AdaptiveLaw
-from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, Planner
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, Planner, plan_line
 from bike_policy.planning.plan_verification import BatchRider
 from bike_policy.planning.racecraft import Racecraft
 from bike_policy.riders.racing import PolicyBatch
@@ -25,10 +25,22 @@ FloatArray = NDArray[np.float64]
 MachinePlanner = Callable[[Superbike, Course], LinePlan]
 """Plans a lap of a closed line for a machine."""
 CLASSICAL: Final = "classical"
+UNVERIFIED: Final = 0.97
+"""Part of a plan's speed that is ridden where plans of many circuits are not verified."""
+
+
+def unverified_plan(vehicle: Superbike, line: Course) -> LinePlan:
+    """Return a plan that is a little slower than the classical rider's, and has not been ridden."""
+    plan = plan_line(vehicle, line, CLASSICAL_SETTINGS)
+    return plan_line(vehicle, line, CLASSICAL_SETTINGS, UNVERIFIED * plan.profile.speed[:-1])
 
 
 class RacecraftRider:
-    """The classical law among others; implements `bike_policy.planning.plan_verification.BatchRider`."""
+    """The classical law among others; implements `bike_policy.planning.plan_verification.BatchRider`.
+
+    Attributes:
+        shares: part of its speed that each rides, shape (n,).
+    """
 
     def __init__(self, vehicle: Superbike, period: float, count: int, plan: Planner | None = None) -> None:
         """Prepare for a number of machines.
@@ -41,6 +53,7 @@ class RacecraftRider:
         """
         self._rider, self._period = AdaptiveLaw(vehicle, period, CLASSICAL_SETTINGS, count, plan), period
         self._craft = Racecraft(self._rider.law, count)
+        self.shares = np.ones(count)
 
     def begin(self, row: int, rows: VehicleRows, line: Course) -> None:
         """Begin a ride where the machine is beside its line, after its reset."""
@@ -49,7 +62,10 @@ class RacecraftRider:
 
     def commands(self, rows: VehicleRows, step: int) -> FloatArray:
         """Return steering and throttle in [-1, 1], shape (n, 2)."""
-        return self._rider.commands(rows, step, self._craft.targets(rows, self._period))
+        targets = self._craft.targets(rows, self._period)
+        slower = self.shares != 1.0
+        targets[slower, 1] = self.shares[slower] * (1.0 + targets[slower, 1]) - 1.0
+        return self._rider.commands(rows, step, targets)
 
 
 class RaceField:
@@ -69,7 +85,7 @@ class RaceField:
                 name is a row that somebody else rides.
             vehicles: of the rows.
             period: control period, s.
-            plan: plans the laps of classical riders; None for verified plans.
+            plan: plans the laps of riders that see others, and of lone classical ones; None for verified plans.
 
         Raises:
             ValueError: a rider that does not race, or a policy that cannot see others and is not to ride solo.
@@ -87,6 +103,12 @@ class RaceField:
             (np.array(rows), _rider(known[key], vehicles[rows[0]], period, len(rows), plan))
             for (key, _), rows in parts.items()
         ]
+
+    def set_share(self, row: int, share: float) -> None:
+        """Let a classical rider among others ride a part of its speed from now on."""
+        for index, rider in self._parts:
+            if isinstance(rider, RacecraftRider):
+                rider.shares[index == row] = share
 
     def begin(self, row: int, rows: VehicleRows, line: Course) -> None:
         """Begin the ride of one row, after its reset; nothing for a row that somebody else rides."""
@@ -129,7 +151,7 @@ def _rider(
     bundle = load_bundle(name, RIDERS) if isinstance(name, str) else name
     if not bundle.layout.races:
         raise ValueError(f"policy {bundle.name!r} follows paths; it cannot race")
-    if not solo and "opponents" not in bundle.layout.terms:
+    if not solo and not bundle.layout.sees_others:
         raise ValueError(blind_words(bundle.name))
     bundle.check_fit(vehicle.name, period)
-    return PolicyBatch(bundle, vehicle, period, count)
+    return PolicyBatch(bundle, vehicle, period, count, None if solo else plan)

@@ -79,7 +79,7 @@ class Batch:
         preview: Preview | None = None,
         disturbances: Disturbances | Sequence[Disturbances] | None = None,
         vehicles: Sequence[str | Vehicle] | None = None,
-        together: bool = False,
+        together: bool | Sequence[int] = False,
     ) -> None:
         """Make room for a number of vehicles.
 
@@ -91,7 +91,8 @@ class Batch:
             disturbances: of what is ridden, drawn for each row anew, or those of each row; those of what a rider sees
                 are not the batch's.
             vehicles: name, file or parameters of each row's vehicle, where they are not the config's.
-            together: whether rows meet on the circuit that all of them ride; see `bike_sim.sim.traffic`.
+            together: whether rows meet on the circuit that all of them ride, see `bike_sim.sim.traffic`; or the number
+                of each row's race, from 0 on: rows of one race meet, on the circuit of that race.
 
         Raises:
             ValueError: an invalid parameter, or a wrong number of vehicles or disturbances.
@@ -142,7 +143,10 @@ class Batch:
         self._logs = [LapLog() for _ in range(count)]
         self.episodes = [0] * count
         self._events: dict[int, tuple[Event, ...]] = {}
-        self.traffic = make_traffic(count) if together else None
+        groups = [0] * count if isinstance(together, bool) else list(together)
+        if len(groups) != count:
+            raise ValueError(f"a batch of {count} vehicles needs the race of each, got {len(groups)}")
+        self.traffic = None if together is False else make_traffic(groups)
         self.opponents = np.zeros((count, len(OPPONENT_SLOTS), len(OPPONENT)))
         if self.traffic is not None:
             self.opponents = self.traffic.opponents
@@ -390,18 +394,20 @@ class Batch:
         if call(observe_rows, self._period, rows, self._kept):
             self._events = {index: self._events_of(index) for index in np.flatnonzero(rows.event_count).tolist()}
         if self.traffic is not None:
-            self.incidents = self.traffic.incidents[: call(meet, self._period, rows, self.traffic)]
+            self.incidents = self.traffic.incidents[: call(meet, self._period, rows, self.traffic, -1)]
 
-    def meet(self) -> None:
-        """Let all rows see each other after their resets, before the first step.
+    def meet(self, race: int = 0) -> None:
+        """Let the rows of a race see each other after their resets, before the first step.
 
         Raises:
             ValueError: rows that do not all ride the same circuit.
         """
-        circuits = {None if begun is None or begun.track is None else begun.track.name for begun in self._begun}
-        if self.traffic is None or None in circuits or len(circuits) > 1:
+        groups = () if self.traffic is None else self.traffic.group.tolist()
+        begun = [each for each, group in zip(self._begun, groups, strict=False) if group == race]
+        circuits = {None if each is None or each.track is None else each.track.name for each in begun}
+        if self.traffic is None or None in circuits or len(circuits) != 1:
             raise ValueError("rows that meet ride one circuit, all of them, in a batch that is made for it")
-        call(meet, 0.0, self.rows, self.traffic)
+        call(meet, 0.0, self.rows, self.traffic, race)
 
     def state_dict(self) -> dict[str, Any] | None:
         """Return all that :meth:`restore` needs, as plain values and arrays; None where rides cannot be continued.

@@ -16,6 +16,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_sim.course.track import Track
 from bike_sim.planning.envelope import Envelope
 from bike_sim.sim import look as lk
 from bike_sim.sim import traffic as tr
@@ -282,16 +283,12 @@ class Race:
         speed, self.theory = _start_speed(lines, limits, places, track)
         self.limit = LONGEST * self.theory * (settings.laps + 1)
         for row, place in enumerate(places):
-            side = 1.0 if self.grid[row] % 2 else -1.0
-            width = np.interp(place, track.centre.s, track.width_left if side > 0.0 else track.width_right)
-            at = 0.0 if track.ideal is None else settings.line * float(np.interp(place, track.centre.s, track.ideal))
-            batch.reset(
-                row,
-                ResetRequest(
-                    course=settings.course, line=settings.line, speed_range=(speed, speed), progress=place,
-                    start_offset=side * GRID_OFFSET * float(width) - at,
-                ),
+            offset = grid_offset(track, place, self.grid[row], settings.line)
+            start = ResetRequest(
+                course=settings.course, line=settings.line, speed_range=(speed, speed), progress=place,
+                start_offset=offset,
             )  # fmt: skip
+            batch.reset(row, start)
         assert batch.traffic is not None
         batch.traffic.racing[:] = 1
         batch.meet()
@@ -462,6 +459,21 @@ def race_config(settings: RaceSettings) -> SimulatorConfig:
     if isinstance(load_vehicle(vehicle), Superbike):
         return replace(superbike_config(vehicle), engine=SUPERBIKE_ENGINE)
     return SimulatorConfig(vehicle=vehicle, engine=COMPILED_ENGINE, time_step=0.01)
+
+
+def grid_offset(track: Track, progress: float, number: int, line: float) -> float:
+    """Return how far beside the followed line a place of the grid lies, m, positive to the left.
+
+    Args:
+        track: the circuit.
+        progress: of the place along the centre line, m.
+        number: of the place, from 1.
+        line: that is followed, 0 the median, 1 the ideal line.
+    """
+    side = 1.0 if number % 2 else -1.0
+    width = np.interp(progress, track.centre.s, track.width_left if side > 0.0 else track.width_right)
+    at = 0.0 if track.ideal is None else line * float(np.interp(progress, track.centre.s, track.ideal))
+    return side * GRID_OFFSET * float(width) - at
 
 
 def _start_speed(

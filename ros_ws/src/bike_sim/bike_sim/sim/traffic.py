@@ -12,6 +12,7 @@ Positions along and across are those of the centre line, so two machines on both
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -119,6 +120,7 @@ class Traffic(NamedTuple):
     Attributes:
         bodies: records of `BODY`, shape (n,).
         racing: which rows take part, shape (n,); set by whoever runs the race.
+        group: number of the race of each row, shape (n,); rows of different races do not meet.
         opponents: what each row sees, shape (n, slots, numbers of OPPONENT).
         ahead: 1 where a row is ahead of another, -1 behind, 0 unknown, shape (n, n).
         overlap: by how much each row was ahead of another when it turned in, m, shape (n, n); NaN on a straight.
@@ -127,17 +129,20 @@ class Traffic(NamedTuple):
 
     bodies: Any
     racing: NDArray[np.int64]
+    group: NDArray[np.int64]
     opponents: FloatArray
     ahead: NDArray[np.int64]
     overlap: FloatArray
     incidents: FloatArray
 
 
-def make_traffic(count: int) -> Traffic:
-    """Return traffic of a number of rows that know nothing of each other yet."""
+def make_traffic(groups: Sequence[int]) -> Traffic:
+    """Return traffic of rows that know nothing of each other yet, by the number of each row's race."""
+    count = len(groups)
     return Traffic(
         np.zeros(count, dtype=BODY),
         np.ones(count, dtype=np.int64),
+        np.array(groups, dtype=np.int64),
         np.zeros((count, len(OPPONENT_SLOTS), _NUMBERS)),
         np.zeros((count, count), dtype=np.int64),
         np.full((count, count), np.nan),
@@ -164,25 +169,28 @@ def wake_deficit(behind: float, aside: float) -> float:
 
 
 @njit(cache=True)
-def meet(period: float, rows: BatchState, traffic: Traffic) -> int:
+def meet(period: float, rows: BatchState, traffic: Traffic, only: int) -> int:
     """Let all rows meet after they were observed, and return the number of incidents.
 
     Args:
         period: time since the last call, s; 0 after a reset.
         rows: in and out: wakes in the wind of the next period, scrapes and ends of rides by contact.
         traffic: in and out.
+        only: number of the race whose rows meet; -1 for all races.
     """
-    count, bodies = 0, traffic.bodies
+    count, bodies, group = 0, traffic.bodies, traffic.group
     n = len(bodies)
     for i in range(n):
-        count = _place(i, period, rows, traffic, count)
+        if only < 0 or group[i] == only:
+            count = _place(i, period, rows, traffic, count)
+            traffic.opponents[i] = 0.0
     for i in range(n):
-        traffic.opponents[i] = 0.0
-    for i in range(n):
-        if bodies[i].kind == ABSENT:
+        if bodies[i].kind == ABSENT or (only >= 0 and group[i] != only):
             continue
         for j in range(i + 1, n):
-            if bodies[j].kind == ABSENT or (bodies[i].kind == LIES and bodies[j].kind == LIES):
+            if group[i] != group[j] or bodies[j].kind == ABSENT:
+                continue
+            if bodies[i].kind == LIES and bodies[j].kind == LIES:
                 continue
             length = rows.around[i].length
             along = bodies[i].along - bodies[j].along
@@ -194,7 +202,7 @@ def meet(period: float, rows: BatchState, traffic: Traffic) -> int:
             if bodies[i].kind == RIDES and bodies[j].kind == RIDES:
                 count = _pass(i, j, along, rows, traffic, count)
     for i in range(n):
-        if bodies[i].kind == RIDES:
+        if bodies[i].kind == RIDES and (only < 0 or group[i] == only):
             _deflect(i, rows, bodies[i])
             _turn_in(i, rows, traffic)
             _draft(i, rows, traffic)
@@ -429,7 +437,7 @@ def _draft(i: int, rows: BatchState, traffic: Traffic) -> None:
     length = rows.around[i].length
     for j in range(len(traffic.bodies)):
         other = traffic.bodies[j]
-        if j == i or other.kind != RIDES:
+        if j == i or other.kind != RIDES or traffic.group[j] != traffic.group[i]:
             continue
         along = other.along - body.along
         behind = along - length * np.rint(along / length) - body.length - 2.0 * RADIUS

@@ -1,0 +1,253 @@
+"""Races side by side as a vector environment: learners among classical riders, all machines in one batch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_policy.contract.observation import Rows
+from bike_policy.riders.wheel_to_wheel import CLASSICAL, RaceField, unverified_plan
+from bike_sim.sim import look as lk
+from bike_sim.sim import traffic as tr
+from bike_sim.sim.batch import Batch
+from bike_sim.sim.config import SimulatorConfig
+from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.stewards import Stewards
+from bike_sim.vehicles.files import load_vehicle
+from bike_sim.vehicles.superbike import Superbike
+from bike_training.curricula.base import Episodes
+from bike_training.curricula.rivals import RivalsCurriculum
+from bike_training.envs.vec_env import BatchVecEnv
+from bike_training.tasks.base import StepResult, sum_of
+from bike_training.tasks.race import RaceContext, RaceState, RaceTask, places
+
+FloatArray = NDArray[np.float64]
+
+
+class _Part(NamedTuple):
+    """Learners on machines of one kind.
+
+    Attributes:
+        state: of their task.
+        envs: their numbers, shape (k,).
+        rows: of the batch, shape (k,).
+    """
+
+    state: RaceState
+    envs: NDArray[np.intp]
+    rows: NDArray[np.intp]
+
+    def of(self, batch: Batch) -> Rows:
+        """Return the rows of these learners."""
+        return Rows(*(getattr(batch, name)[self.rows] for name in Rows._fields))
+
+
+class LearnersState:
+    """State of the task for the learners of all races; what happens between machines is noted by the stewards.
+
+    Attributes:
+        rows: row of each learner in the batch, shape (n,).
+    """
+
+    def __init__(self, task: RaceTask, batch: Batch, learners: int, machines: int) -> None:
+        """Prepare the first rows of each race for learners.
+
+        Args:
+            task: of the learners.
+            batch: of all races, one behind the other.
+            learners: in a race.
+            machines: in a race.
+        """
+        self._machines, self._learners = machines, learners
+        races = batch.count // machines
+        self.rows = np.array([race * machines + k for race in range(races) for k in range(learners)])
+        names = [batch.vehicles[row].name for row in self.rows]
+        self._parts: list[_Part] = []
+        for name in dict.fromkeys(names):
+            envs = np.flatnonzero([other == name for other in names])
+            vehicle = batch.vehicles[self.rows[envs[0]]]
+            assert isinstance(vehicle, Superbike), "the task has refused others"
+            state = task.make_state(len(envs), vehicle, lambda line, vehicle=vehicle: unverified_plan(vehicle, line))  # type: ignore[misc]
+            self._parts.append(_Part(state, envs, self.rows[envs]))
+        self._period = batch.config.control_period
+        self._stewards = [Stewards() for _ in range(races)]
+        self._times = np.zeros(races)
+        self._places = np.zeros(len(self.rows))
+        self._met = np.zeros((2, len(self.rows)))
+
+    def begin(self, env: int, batch: Batch, request: ResetRequest) -> None:
+        """Begin the ride of a learner, after all machines of its race were reset."""
+        row = self.rows[env]
+        for part in self._parts:
+            if env in part.envs:
+                place = int(np.flatnonzero(part.envs == env)[0])
+                part.state.begin(place, part.of(batch), request, batch.course(int(row)))
+        race = env // self._learners
+        self._stewards[race], self._times[race] = Stewards(), 0.0
+        self._places[env] = self._standing(batch)[env]
+
+    def _standing(self, batch: Batch) -> FloatArray:
+        """Return the places of all learners, see `places`."""
+        along = batch.place[:, lk.CENTRE_PROGRESS].reshape(-1, self._machines)
+        ahead = along[:, : self._learners, None] - along[:, None, :]
+        own = np.arange(self._learners)
+        ahead[:, own, own] = np.nan
+        return places(ahead.reshape(-1, self._machines))
+
+    def _each(self, batch: Batch) -> list[tuple[_Part, Rows]]:
+        return [(part, part.of(batch)) for part in self._parts]
+
+    def observe(self, batch: Batch) -> NDArray[np.float32]:
+        """Return the observations of all learners."""
+        found: NDArray[np.float32] | None = None
+        for part, rows in self._each(batch):
+            seen = part.state.observe(rows)
+            found = np.empty((len(self.rows), seen.shape[1]), dtype=np.float32) if found is None else found
+            found[part.envs] = seen
+        assert found is not None
+        return found
+
+    def act(self, batch: Batch, actions: NDArray[np.floating]) -> None:
+        """Begin a decision."""
+        self._met[:] = 0.0
+        for part, rows in self._each(batch):
+            part.state.act(rows, actions[part.envs])
+
+    def commands(self, batch: Batch, commands: FloatArray) -> None:
+        """Write the commands of the learners in a control period between those of the others."""
+        for part, rows in self._each(batch):
+            commands[part.rows] = np.nan_to_num(part.state.commands(rows))
+
+    def advance(self, batch: Batch) -> None:
+        """Add a control period."""
+        for part, rows in self._each(batch):
+            part.state.advance(rows)
+        self._times += self._period
+        for values in batch.incidents[batch.incidents[:, 0] == tr.CONTACT].tolist():
+            incident = dict(zip(tr.INCIDENT.names, values, strict=True))
+            race = int(incident["row"]) // self._machines
+            stewards = self._stewards[race]
+            known = len(stewards.penalties)
+            if stewards.contact(float(self._times[race]), incident) or incident["thrown"] or incident["other_thrown"]:
+                self._met[0] += np.isin(self.rows, (incident["row"], incident["other"]))
+            for penalty in stewards.penalties[known:]:
+                self._met[1] += self.rows == penalty.row
+
+    def evaluate(self, batch: Batch) -> StepResult:
+        """Return the outcome of the decision."""
+        standing = self._standing(batch)
+        gained, self._places = standing - self._places, standing
+        terms: dict[str, FloatArray] = {}
+        failed = np.zeros(len(self.rows), dtype=np.bool_)
+        for part, rows in self._each(batch):
+            contact, avoidable = self._met[:, part.envs]
+            part.state.note(place=gained[part.envs], contact=contact, avoidable=avoidable)
+            result = part.state.evaluate(rows)
+            failed[part.envs] = result.failed
+            for name, values in result.terms.items():
+                terms.setdefault(name, np.zeros(len(self.rows)))[part.envs] = values
+        return StepResult(terms, failed)
+
+
+class RaceVecEnv(BatchVecEnv):
+    """Episodes of learners in races with classical riders; see `bike_training.curricula.rivals`.
+
+    All learners of a race begin and end together: where one fails, the others' episodes are truncated.
+    """
+
+    def __init__(
+        self,
+        count: int,
+        task: RaceTask,
+        episodes: Episodes,
+        config: SimulatorConfig,
+        seed: int,
+        machines: Sequence[str] = (),
+    ) -> None:
+        """Make races for a number of learners.
+
+        Args:
+            count: number of learners.
+            task: to be learned.
+            episodes: a `RivalsCurriculum`.
+            config: vehicle, engine and steps.
+            seed: seed of all rides.
+            machines: names or files that the races take in turn, where there are several; none for the config's.
+
+        Raises:
+            ValueError: learners that do not fill their races.
+        """
+        assert isinstance(episodes, RivalsCurriculum)
+        self._learners, self._size = episodes.settings.learners, episodes.settings.machines
+        if count % self._learners:
+            raise ValueError(
+                f"setting learner.environments={count} must be a multiple of curriculum.learners={self._learners}"
+            )
+        self._prepare(count, task, episodes, seed)
+        names = list(machines) or [config.vehicle]
+        races = count // self._learners
+        vehicles = [load_vehicle(names[race % len(names)]) for race in range(races) for _ in range(self._size)]
+        groups = [race for race in range(races) for _ in range(self._size)]
+        self.batch = Batch(len(groups), config, task.preview, vehicles=vehicles, together=groups)
+        self.states = LearnersState(task, self.batch, self._learners, self._size)
+        riders = (["" for _ in range(self._learners)] + [CLASSICAL] * episodes.settings.rivals) * races
+        self._field = RaceField(riders, vehicles, config.control_period, unverified_plan)
+        self._step = 0
+
+    def state_dict(self) -> dict[str, Any] | None:
+        """Return that races are not taken up in their middle: a run that is resumed begins new ones."""
+        return None
+
+    def reset(self) -> NDArray[np.float32]:
+        """Begin a new race of all learners."""
+        self._draw_anew()
+        for race in range(self.num_envs // self._learners):
+            self.begin(race)
+        return self.states.observe(self.batch)
+
+    def begin(self, index: int) -> None:
+        """Begin a race."""
+        assert isinstance(self.episodes, RivalsCurriculum)
+        requests = self.episodes.draw_race(self.rng, self.task.preview, index)
+        first = index * self._size
+        for row, request in enumerate(requests, start=first):
+            self.batch.reset(row, request)
+        self.batch.meet(index)
+        for row, request in enumerate(requests, start=first):
+            self._field.begin(row, self.batch, self.batch.course(row))
+            context = RaceContext.of(request)
+            self._field.set_share(row, 1.0 if context is None else context.share)
+        for k in range(self._learners):
+            env = index * self._learners + k
+            self.states.begin(env, self.batch, requests[k])
+            self._requests[env], self.steps[env], self.returns[env] = requests[k], 0, 0.0
+
+    def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
+        """Step every machine; races that ended have started again in the returned observations."""
+        batch, states = self.batch, self.states
+        states.act(batch, self._actions)
+        for _ in range(self.task.repeat):
+            commands = self._field.commands(batch, self._step)
+            states.commands(batch, commands)
+            batch.step(commands)
+            states.advance(batch)
+            self._step += 1
+        self.steps += 1
+        terms, failed = states.evaluate(batch)
+        rewards = sum_of(terms).astype(np.float32)
+        self.returns += rewards
+        over = (failed | (self.steps >= self.task.max_steps)).reshape(-1, self._learners).any(axis=1)
+        ended = np.repeat(over, self._learners)
+        observations = states.observe(batch)
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for index in np.flatnonzero(ended):
+            progress = float(batch.look[states.rows[index], lk.PROGRESS])
+            infos[index] = self._info(int(index), observations[index].copy(), not failed[index], progress)
+        for race in np.flatnonzero(over):
+            self.begin(int(race))
+        if over.any():
+            observations = states.observe(batch)
+        return observations, rewards, ended, infos
