@@ -538,7 +538,7 @@ class ObservationLayout:
             signs[self.places[name]] = mirror(self) if callable(mirror) else mirror
         return signs
 
-    @property
+    @cached_property
     def mirror_places(self) -> NDArray[np.intp]:
         """Place from which each number of the mirrored observation is taken: left and right change places."""
         place = {name: i for i, name in enumerate(self.names)}

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -122,6 +123,7 @@ HOLDING_SPEEDS: Final = (40.0, 12.0)
 """Speeds between which the torque by the load is linear in the inverse square of the speed, m/s."""
 
 
+@lru_cache(maxsize=64)  # most of what an engine takes to be made
 def holding_table(vehicle: Superbike) -> FloatArray:
     """Return the torque that holds a steady turn by the front load, shape (2, HOLDING_SAMPLES), over lean.
 
@@ -137,7 +139,9 @@ def holding_table(vehicle: Superbike) -> FloatArray:
         rows.append(np.array(row))
     fast, slow = (1.0 / speed**2 for speed in HOLDING_SPEEDS)
     slope = (rows[1] - rows[0]) / (slow - fast)
-    return np.array([rows[0] - fast * slope, slope])
+    table = np.array([rows[0] - fast * slope, slope])
+    table.setflags(write=False)
+    return table
 
 
 def holding_torque(vehicle: Superbike, lean: float, speed: float) -> float:
