@@ -1,5 +1,6 @@
 """What all tests share: their order, and that nothing is computed twice or fails because the machine is busy."""
 
+import gc
 import hashlib
 import os
 import pickle
@@ -69,8 +70,10 @@ compute_once(lap_limit, "_solve")
 def pytest_configure(config: pytest.Config) -> None:
     """Lets JAX compile what many short runs of learning share once and not for each; lines and plans are shared, too.
 
-    Lines begin as a copy of the user's, which stay as they are.
+    Lines begin as a copy of the user's, which stay as they are. What JAX compiles is kept for the next session, and not
+    optimised: tests run it a few times.
     """
+    gc.disable()  # until all is collected: what is imported and collected stays
     if hasattr(config, "workerinput"):
         return  # one of several processes that share the folder of the one that started them
     folder = tempfile.TemporaryDirectory(prefix="bike_tests_")
@@ -80,9 +83,17 @@ def pytest_configure(config: pytest.Config) -> None:
     if cache_folder().is_dir():
         shutil.copytree(cache_folder(), lines)
     os.environ[FOLDER_VARIABLE] = str(lines)
-    os.environ["JAX_COMPILATION_CACHE_DIR"] = str(Path(folder.name) / "jax")
+    kept = config.cache.mkdir("jax") if config.cache else Path(folder.name) / "jax"
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = str(kept)
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
+
+
+def pytest_collection_finish() -> None:
+    """Spares each later collection of garbage what stays: a million objects of packages and tests."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
