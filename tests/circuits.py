@@ -37,6 +37,16 @@ def write_kidney(path: Path) -> Path:
     return path
 
 
+def write_oval(folder: Path) -> Path:
+    """Write a small circuit for superbikes."""
+    angle = np.linspace(0.0, 2.0 * math.pi, 120, endpoint=False)
+    radius = 110.0 + 25.0 * np.cos(2.0 * angle)
+    rows = "\n".join(f"{r * np.cos(a):.4f},{r * np.sin(a):.4f},6.0,6.0" for a, r in zip(angle, radius, strict=True))
+    path = folder / "oval.csv"
+    path.write_text(f"# x_m,y_m,w_tr_right_m,w_tr_left_m\n{rows}\n", encoding="utf-8")
+    return path
+
+
 def circle(radius: float, spacing: float = 0.1) -> Course:
     """A closed circle to the left."""
     count = round(2.0 * math.pi * radius / spacing)

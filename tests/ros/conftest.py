@@ -6,7 +6,6 @@ import importlib
 import json
 import os
 import signal
-import subprocess
 import sys
 import time
 from collections import Counter
@@ -14,7 +13,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from bike_msgs.msg import BikeCommand, BikeState
 from bike_msgs.srv import Pause, Reset
@@ -30,9 +28,9 @@ from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import Command
 from bike_sim.ros.isolation import DISCOVERY_VARIABLE, PROFILES_VARIABLE, DomainLease
 from bike_sim.ros.messages import encode_command, reset_to_message
-from bike_sim.ros.sim_node import SPECS, NodeSettings
 from bike_sim.sim.request import ResetRequest
-from bike_sim.sim.simulator import Simulator
+from tests.circuits import write_oval
+from tests.ros.forked import Forked, load
 
 PATIENCE = 90.0
 """Longest wait for anything, s. Nothing takes that long; it is what a busy machine may need."""
@@ -50,14 +48,13 @@ class Program:
     def __init__(
         self, module: str, domain: int, words: Path, namespace: str = "bike", remap: str = "", **parameters: Any
     ) -> None:
-        command = [sys.executable, "-m", module, *arguments_of(namespace, parameters)]
-        command += ["-r", remap] if remap else []
+        command = [*arguments_of(namespace, parameters), *(["-r", remap] if remap else [])]
         environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
         for variable in (DISCOVERY_VARIABLE, PROFILES_VARIABLE):
             environment.pop(variable, None)  # the defaults are what is tested
         self._words = words
-        with words.open("w") as file:
-            self.process = subprocess.Popen(command, env=environment, stdout=file, stderr=subprocess.STDOUT)
+        words.touch()
+        self.process = Forked(module, command, environment, words)
 
     @property
     def words(self) -> str:
@@ -283,32 +280,15 @@ class RosFixture:
 
 
 @pytest.fixture(scope="session")
-def compiled(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Compiles the physics here, where nobody waits: on a busy machine it takes minutes if nothing is cached."""
-    circuit = oval(tmp_path_factory.mktemp("compiled"))
-    defaults = {spec.name: spec.default for spec in SPECS}
-    for changes in ({}, {"engine": "whipple"}, {"vehicle": "panigale_v4r", "course": str(circuit)}):
-        settings = NodeSettings.from_parameters(defaults | changes)
-        simulator = Simulator(settings.simulator)
-        simulator.reset(settings.request(simulator))
-        simulator.step(0.0)
-        simulator.close()
-
-
-def oval(folder: Path) -> Path:
-    """Write a small circuit for superbikes."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 120, endpoint=False)
-    radius = 110.0 + 25.0 * np.cos(2.0 * angle)
-    rows = "\n".join(f"{r * np.cos(a):.4f},{r * np.sin(a):.4f},6.0,6.0" for a, r in zip(angle, radius, strict=True))
-    path = folder / "oval.csv"
-    path.write_text(f"# x_m,y_m,w_tr_right_m,w_tr_left_m\n{rows}\n")
-    return path
+def compiled() -> None:
+    """Compiles the physics where nobody waits."""
+    load()
 
 
 @pytest.fixture
 def circuit(tmp_path: Path) -> Path:
     """A small circuit."""
-    return oval(tmp_path)
+    return write_oval(tmp_path)
 
 
 @pytest.fixture

@@ -35,7 +35,8 @@ from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_superbike
 from bike_training.nodes.node_rides import ride_through_nodes
 from bike_training.replay import read_rides
-from tests.ros.conftest import RosFixture, StateProbe, oval
+from tests.circuits import write_oval
+from tests.ros.conftest import RosFixture, StateProbe
 from tests.same import assert_same
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("compiled")]
@@ -106,7 +107,7 @@ def test_aids_that_are_off_are_never_active(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def superbike(shared_ros: RosFixture, tmp_path_factory: pytest.TempPathFactory) -> tuple[StateProbe, Path]:
     """A simulator of a superbike on a circuit of its own."""
-    circuit = oval(tmp_path_factory.mktemp("superbike"))
+    circuit = write_oval(tmp_path_factory.mktemp("superbike"))
     shared_ros.simulator(vehicle="panigale_v4r", course=str(circuit), time_step=0.002, speed=20.0)
     return shared_ros.probe(), circuit
 
