@@ -143,7 +143,9 @@ def test_train_export_and_evaluate(tmp_path, capsys):
     assert (tmp_path / "out" / "evaluation.png").stat().st_size > 10_000
 
 
-def test_evaluate_rides_a_line_with_a_known_law(policy, tmp_path, capsys):
+def test_evaluate_rides_a_line_with_a_known_law(policy, tmp_path, capsys, monkeypatch):
+    """Its stability is that of another test."""
+    monkeypatch.setattr("bike_training.commands.evaluate.stability", lambda rider: {})
     words = ["evaluate", str(policy), "--course", "line", "--speeds", "7", "--random-rides", "0"]
     words += ["--engine", "whipple", "--time-step", "0.01"]
     code, result = run_json(capsys, *words, "--out", str(tmp_path / "out"))

@@ -28,6 +28,7 @@ from bike_training.reproduce.bicycle_results import NO_SEED, PAPER, STATEMENTS, 
 from bike_training.reproduce.data import Tables, read_data, table, tables, write_data
 from bike_training.reproduce.statement import verdict_table
 from bike_training.rollout.evaluation import SPEEDS
+from bike_training.sweeps.runs import FINISHED, Plan, execute
 
 
 def paper_like() -> Tables:
@@ -241,9 +242,19 @@ def test_what_is_no_number_of_seeds_is_refused_by_name(text: str) -> None:
 
 
 @pytest.mark.slow
-def test_the_whole_way(tmp_path: Path, whole_way) -> None:
-    """That nothing is ridden again is tested with the superbike's."""
-    figures = whole_way(["reproduce", "bicycle", "--out", str(tmp_path), "--quick", "--cores", "1", "--json"])
+def test_the_whole_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """With its run in this process: that Ray does the same bit for bit is tested with sweeps.
+
+    That nothing is ridden again is tested with the superbike's.
+    """
+    pytest.importorskip("ray")
+
+    def one_by_one(plan: Plan, *_: object) -> bool:
+        return any(execute(each.run, each.folder)["status"] != FINISHED for each in plan.missing)
+
+    monkeypatch.setattr("bike_training.commands.reproduce.do_runs", one_by_one)
+    assert main(["reproduce", "bicycle", "--out", str(tmp_path), "--quick", "--cores", "1", "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)["figures"]
     assert (figures["runs"], figures["runs_finished"], figures["rides"]) == (1, 1, 4)
     data = read_data(PAPER, tmp_path / "data")
     assert set(data["tracks"]["rider"]) == {"prop", "stanley", "lqr"}

@@ -17,11 +17,14 @@ from bike_training.rollout.worlds import Ridden, ride_told, ride_worlds, summary
 
 @pytest.fixture(scope="module")
 def rides(circuit: Path) -> list[WorldRide]:
-    """Rides of a small circuit: as known, late on less grip, and on a patch that nobody can hold at full speed."""
+    """Rides of a small circuit: as known, late on less grip, and on a patch that nobody can hold at full speed.
+
+    The oracle finds its corrections within few rides: each more would be ridden twice.
+    """
     worlds = [
         Disturbances(name="known"),
-        Disturbances(name="late", command_delay_s=0.04, road=RoadChanges(0.9)),
-        Disturbances(name="ice", road=RoadChanges(patches=((500.0, 700.0, 0.7),))),
+        Disturbances(name="late", command_delay_s=0.02, road=RoadChanges(0.95)),
+        Disturbances(name="ice", road=RoadChanges(patches=((500.0, 600.0, 0.8),))),
     ]
     return [WorldRide(k, "panigale_v4r", str(circuit), 0.1 + 0.2 * k, 0.7, world) for k, world in enumerate(worlds)]
 
