@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import re
 import subprocess
 from argparse import Action, HelpFormatter
@@ -278,14 +279,37 @@ def race_totals(name: str) -> str:
     races, rows = read_records(name), []
     for key, title in RACE_SUMS.items():
         total = sum(int(row[key]) for row in races)
-        low, high = 0.5 * chi2.ppf(0.025, 2 * total) if total else 0.0, 0.5 * chi2.ppf(0.975, 2 * total + 2)
-        rate, *ends = (f"{value / len(races):.2f}" for value in (total, low, high))
-        rows.append([title, str(total), f"{rate} ({ends[0]} to {ends[1]})"])
+        rows.append([title, str(total), "{:.2f} ({:.2f} to {:.2f})".format(*_rate(total, len(races)))])
     ended, same = sum(row["ended"] == "True" for row in races), sum(row["replay"] == "same" for row in races)
     rows.append(["races that ended; the same again from their commands", f"{ended}; {same} of {len(races)}", ""])
     finished = sum(int(row["finished"]) for row in races)
     rows.append(["machines that finished", f"{finished} of {6 * len(races)}", ""])
     return markdown([["figure", "sum", "a race"], *rows]) + origin(DATA / f"{name}.csv")
+
+
+def race_back(name: str) -> str:
+    """Return what riders gain from the back of the grid: means with 95 % intervals, of Student and of Poisson."""
+    riders: dict[str, list[dict[str, str]]] = defaultdict(list)
+    for row in read_records(name):
+        riders[row["rider"]].append(row)
+    rows = []
+    for rider, races in riders.items():
+        gained = np.array([int(race["gained"]) for race in races])
+        half = student.ppf(0.975, len(races) - 1) * gained.std(ddof=1) / math.sqrt(len(races))
+        texts = [f"{gained.mean():.2f} ({gained.mean() - half:.2f} to {gained.mean() + half:.2f})"]
+        falls = sum(race["end"] not in ("finished", "running") for race in races)
+        sums = [sum(int(race[key]) for race in races) for key in ("contacts", "avoidable")]
+        for total in (*sums, falls, sum(int(race["others_out"]) for race in races)):
+            texts.append("{:.2f} ({:.2f} to {:.2f})".format(*_rate(total, len(races))))
+        rows.append([f"`{rider}`", str(len(races)), *texts])
+    names = ("last on the grid", "races", "places gained", "contacts", "avoidable", "own falls", "others out")
+    return markdown([names, *rows]) + origin(DATA / f"{name}.csv")
+
+
+def _rate(total: int, count: int) -> tuple[float, float, float]:
+    """Return a rate with its exact 95 % interval of a Poisson process."""
+    low = 0.5 * chi2.ppf(0.025, 2 * total) if total else 0.0
+    return total / count, low / count, 0.5 * chi2.ppf(0.975, 2 * total + 2) / count
 
 
 def baselines(name: str) -> str:
@@ -421,6 +445,7 @@ KINDS: Final[Mapping[str, Callable[[str], str]]] = {
         disturbed,
         random_circuits,
         race_totals,
+        race_back,
         baselines,
         headline,
         paper,

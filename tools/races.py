@@ -10,6 +10,7 @@ rate of a race of four machines through nodes in lockstep, each with a driver of
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 import os
 import sys
@@ -148,12 +149,12 @@ def back(count: int, first: int, rider: str) -> Iterator[list[object]]:
     Args:
         count: of races.
         first: seed of the first circuit.
-        rider: of the last on the grid.
+        rider: of the last on the grid, or several with commas between them.
     """
     yield ["circuit", "machine", "rider", "gained", "contacts", "avoidable", "end", "others_out", "race_s"]
-    for number in range(first, first + count):
+    for number, last in itertools.product(range(first, first + count), rider.split(",")):
         machine = MACHINES[number % 5]
-        entries = [Entry(f"bike_{k}", machine, "classical" if k < 5 else rider) for k in range(6)]
+        entries = [Entry(f"bike_{k}", machine, "classical" if k < 5 else last) for k in range(6)]
         race = Race(RaceSettings(f"random_circuit:{number}", 1, tuple(entries)))
         for _ in ridden(race):
             pass
@@ -161,7 +162,7 @@ def back(count: int, first: int, rider: str) -> Iterator[list[object]]:
         found = next(result for result in results if result.name == "bike_5")
         out = sum(result.end not in ("finished", "running") for result in results if result is not found)
         yield [
-            race.settings.course, machine, rider, found.grid - found.position, found.contacts, found.avoidable,
+            race.settings.course, machine, last, found.grid - found.position, found.contacts, found.avoidable,
             found.end, out, round(race.time, 2),
         ]  # fmt: skip
         race.close()
@@ -274,7 +275,7 @@ def main() -> None:
     parser.add_argument("table", choices=("races", "back", "draft", "rate", "ros"))
     parser.add_argument("--count", type=int, default=100, help="races")
     parser.add_argument("--first", type=int, default=FIRST_CIRCUIT, help="seed of the first circuit")
-    parser.add_argument("--rider", default="classical", help="of all machines of races, of the last on the grid")
+    parser.add_argument("--rider", default="classical", help="of all machines of races; of the last on the grid")
     args = parser.parse_args()
     which = args.count, args.first, args.rider
     tables = {"races": lambda: races(*which), "back": lambda: back(*which), "draft": draft, "rate": rate, "ros": ros}

@@ -43,8 +43,13 @@ class Rider:
         self.memory[0, 1] = side
         self.s, self.speed, self.aside = s, speed, 0.0
 
-    def targets(self, **others: tuple[float, float, float]) -> tuple[float, float]:
-        """Return offset and pace; others by slot as distance ahead and to the left (m) and speed (m/s)."""
+    def targets(
+        self, wanted: tuple[float, float] | None = None, **others: tuple[float, float, float]
+    ) -> tuple[float, float]:
+        """Return offset and pace; others by slot as distance ahead and to the left (m) and speed (m/s).
+
+        Where somebody else wants targets, these are what is left of them.
+        """
         observed, seen = np.zeros((1, SEEN)), np.zeros((1, len(OPPONENT_SLOTS), len(OPPONENT)))
         observed[0, [SPEED, PROGRESS, LATERAL_ERROR]] = self.speed, self.s, self.aside
         for slot, (ahead, left, speed) in others.items():
@@ -52,7 +57,11 @@ class Rider:
         points = np.zeros((1, 20, 3))
         points[0, :, 0], points[0, :, 1] = 10.0 * np.arange(20), -self.aside
         out = np.zeros((1, 2))
-        rc.race_targets(observed, points, seen, self.memory, self.plans, PERIOD, out)
+        if wanted is not None:
+            out[0] = wanted
+            rc.guard(observed, points, seen, self.plans, out)
+        else:
+            rc.race_targets(observed, points, seen, self.memory, self.plans, PERIOD, out)
         return float(out[0, 0]), float(out[0, 1])
 
     @property
@@ -171,3 +180,17 @@ def test_the_mirrored_situation_gives_the_mirrored_answer() -> None:
             )
             answers.append((sign * offset, pace, sign * rider.side))
         assert answers[0] == pytest.approx(answers[1], abs=1e-12)
+
+
+def test_targets_of_a_policy_leave_room_to_others() -> None:
+    """Nobody rides into who is straight ahead or beside; past others, and alone, targets stay what they are."""
+    rider, wanted = Rider(400.0), (1.0, 0.08)
+    assert rider.targets(wanted) == wanted
+    assert rider.targets(wanted, behind=(-3.0, 0.0, FAST)) == wanted
+    assert rider.targets(wanted, ahead_1=(10.0, -2.0, 0.9 * FAST)) == wanted  # past it on the left
+    offset, pace = rider.targets(wanted, ahead_1=(6.0, 0.3, 0.9 * FAST))
+    assert offset == 1.0
+    assert pace < -0.09
+    offset, pace = rider.targets(wanted, left=(0.5, 1.9, FAST))
+    assert offset == pytest.approx(1.9 - rc.CLEARANCE)
+    assert pace == 0.08

@@ -329,6 +329,13 @@ def _stations(s: TermInputs) -> FloatArray:
     return np.concatenate((lean / 1.2, (target - speed) / 20.0), axis=1)
 
 
+def _opponents(s: TermInputs) -> FloatArray:
+    """Return the nearest others; distances d as d / (|d| + 10 m) ahead and d / (|d| + 2 m) across: near ones count."""
+    seen = s.rows.opponents.copy()
+    seen[:, :, 1:3] /= np.abs(seen[:, :, 1:3]) + np.array([10.0, 2.0])
+    return seen.reshape(len(seen), -1)
+
+
 _OPPONENT_NAMES: Final = tuple(f"{slot}_{name}" for slot in OPPONENT_SLOTS for name in OPPONENT.names)
 
 
@@ -408,9 +415,8 @@ RACE_TERMS: Final[Mapping[str, Term]] = {
         names=("grip_expected", "grip_inferred", "grip_deviation"), settings=("unseen",),
     ),
     "opponents": Term(
-        "1, m, m, m/s, m/s", lambda s: s.rows.opponents.reshape(len(s.rows.opponents), -1),
-        tuple(OPPONENT.mirror_signs.tolist()) * len(OPPONENT_SLOTS),
-        (1.0, 100.0, 10.0, 30.0, 10.0) * len(OPPONENT_SLOTS), names=_OPPONENT_NAMES,
+        "1, 10 m, 2 m, m/s, m/s", _opponents, tuple(OPPONENT.mirror_signs.tolist()) * len(OPPONENT_SLOTS),
+        (1.0, 1.0, 1.0, 10.0, 5.0) * len(OPPONENT_SLOTS), names=_OPPONENT_NAMES,
     ),
     "machine": Term("1", lambda s: np.tile(s.memory.vehicle, (len(s.speed), 1)), names=DESCRIPTOR),
 }  # fmt: skip

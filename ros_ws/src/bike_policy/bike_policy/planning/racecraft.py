@@ -163,20 +163,8 @@ def _decide(
     planned = max(plan_at(plans, row, P_SPEED, s), 1.0)
     braking, corner, turn_in, slowest = _road(plans, row, s, speed)
     asides, ratios = np.zeros(len(others)), np.ones(len(others))
-    low, high, standing = -math.inf, math.inf, False
-    for k in range(len(others)):
-        if others[k, _SEEN] == 0.0:
-            continue
-        asides[k] = _aside(points, observed, others[k, _X], others[k, _Y])
-        theirs = math.hypot(speed + others[k, _VX], others[k, _VY])
-        ratios[k] = theirs / max(plan_at(plans, row, P_SPEED, s + others[k, _X]), 1.0)
-        if abs(others[k, _X]) < MACHINE + 1.0 and (k in (_LEFT, _RIGHT) or abs(asides[k] - here) > 0.5 * CLEARANCE):
-            if asides[k] > here:
-                high = min(high, asides[k] - CLEARANCE)
-            else:
-                low = max(low, asides[k] + CLEARANCE)
-    if low > high:
-        low = high = 0.5 * (low + high)
+    low, high = _beside(observed, points, others, plans, row, asides, ratios)
+    standing = False
     # a pass: who is it, does it end before the turn-in?
     side = memory[_SIDE]
     passed = _AHEAD
@@ -210,21 +198,13 @@ def _decide(
             continue
         theirs = ratios[k] * plan_at(plans, row, P_SPEED, s + others[k, _X])
         passing, lying = side != 0.0 and k == passed, theirs < 0.5 * speed
-        apart = asides[k] - here
-        soon = apart + others[k, _VY]  # within a second
-        apart = 0.0 if apart * soon < 0.0 else min(abs(apart), abs(soon))
+        apart = _apart(asides[k] - here, others[k, _VY])
         if passing and apart > CLEAR:
             continue
         if (turn_in > 1.0 or lying) and min(apart, abs(asides[k] - memory[_OFFSET])) > ABREAST:
             continue
-        if lying:
-            gap = max(others[k, _X] - SPACING, 0.0)
-            pace = min(pace, math.sqrt(theirs**2 + 2.0 * BRAKING * gap) / planned - 1.0)
-            continue
         headway = 0.5 * HEADWAY + SPACING / speed if passing else HEADWAY + SPACING / slowest
-        missing = headway - others[k, _X] / speed
-        keep = ratios[k] * (1.0 - FOLLOW_RATE * missing)
-        pace = min(pace, max(keep, ratios[k] - DROP_BACK / speed) - 1.0)
+        pace = min(pace, _behind(others[k, _X], ratios[k], theirs, speed, planned, headway, lying))
     if side == 0.0:
         wish = _defend(others[_BEHIND], memory, corner, turn_in, wish)
     straight = not braking and turn_in > NEAR
@@ -243,6 +223,87 @@ def _decide(
     if turn_in < NEAR:  # who is not where it wants to be has to turn harder than planned
         pace = min(pace, -ASTRAY * max(abs(here - offset) - 0.5, 0.0))
     target[0], target[1] = offset, max(pace, SLOWEST - 1.0)
+
+
+@njit(cache=True)
+def _beside(
+    observed: FloatArray, points: FloatArray, others: FloatArray, plans: Plans, row: int, asides: FloatArray,
+    ratios: FloatArray,
+) -> tuple[float, float]:  # fmt: skip
+    """Return the least and the largest target that leave room to who is beside, m.
+
+    Args:
+        observed: inputs of the law.
+        points: followed line ahead, m.
+        others: nearest others.
+        plans: of the law.
+        row: of the machine in the plans.
+        asides: out: how far left of the line each other is, m.
+        ratios: out: its speed by the planned one of where it is.
+    """
+    speed, here = max(observed[SPEED], 1.0), observed[LATERAL_ERROR]
+    low, high = -math.inf, math.inf
+    for k in range(len(others)):
+        if others[k, _SEEN] == 0.0:
+            continue
+        asides[k] = _aside(points, observed, others[k, _X], others[k, _Y])
+        theirs = math.hypot(speed + others[k, _VX], others[k, _VY])
+        ratios[k] = theirs / max(plan_at(plans, row, P_SPEED, observed[PROGRESS] + others[k, _X]), 1.0)
+        if abs(others[k, _X]) < MACHINE + 1.0 and (k in (_LEFT, _RIGHT) or abs(asides[k] - here) > 0.5 * CLEARANCE):
+            if asides[k] > here:
+                high = min(high, asides[k] - CLEARANCE)
+            else:
+                low = max(low, asides[k] + CLEARANCE)
+    if low > high:
+        low = high = 0.5 * (low + high)
+    return low, high
+
+
+@njit(cache=True)
+def _apart(apart: float, rate: float) -> float:
+    """Return the least distance across to another within a second, m, from that of now and its rate, m/s."""
+    soon = apart + rate
+    return 0.0 if apart * soon < 0.0 else min(abs(apart), abs(soon))
+
+
+@njit(cache=True)
+def _behind(
+    gap: float, ratio: float, theirs: float, speed: float, planned: float, headway: float, lying: bool
+) -> float:
+    """Return the pace behind another at a distance (m): that of its speed at the same place, a time (s) behind it."""
+    if lying:
+        free = max(gap - SPACING, 0.0)
+        return math.sqrt(theirs**2 + 2.0 * BRAKING * free) / planned - 1.0
+    keep = ratio * (1.0 - FOLLOW_RATE * (headway - gap / speed))
+    return max(keep, ratio - DROP_BACK / speed) - 1.0
+
+
+@njit(cache=True)
+def guard(observed: FloatArray, points: FloatArray, opponents: FloatArray, plans: Plans, targets: FloatArray) -> None:
+    """Bound the targets of somebody else, in place: by the room of who is beside, and behind who is straight ahead.
+
+    Args:
+        observed: inputs of the law, shape (n, columns of `line_law.INPUTS`).
+        points: followed line ahead, base_footprint, m, shape (n, stations, 3).
+        opponents: nearest others, shape (n, slots, numbers).
+        plans: of the law.
+        targets: in and out, shape (n, 2).
+    """
+    for row in range(len(observed)):
+        others, speed, s = opponents[row], max(observed[row, SPEED], 1.0), observed[row, PROGRESS]
+        asides, ratios = np.zeros(len(others)), np.ones(len(others))
+        low, high = _beside(observed[row], points[row], others, plans, row, asides, ratios)
+        targets[row, 0] = min(max(targets[row, 0], low), high)
+        planned = max(plan_at(plans, row, P_SPEED, s), 1.0)
+        for k in range(_BEHIND):
+            if others[k, _SEEN] == 0.0 or others[k, _X] <= 0.0:
+                continue
+            if _apart(asides[k] - observed[row, LATERAL_ERROR], others[k, _VY]) > CLEAR:
+                continue
+            theirs = ratios[k] * plan_at(plans, row, P_SPEED, s + others[k, _X])
+            headway = 0.5 * HEADWAY + SPACING / speed
+            pace = _behind(others[k, _X], ratios[k], theirs, speed, planned, headway, theirs < 0.5 * speed)
+            targets[row, 1] = min(targets[row, 1], max(pace, SLOWEST - 1.0))
 
 
 @njit(cache=True)

@@ -23,6 +23,7 @@ from bike_policy.contract.bundle import Bundle
 from bike_policy.contract.observation import (
     DESCRIPTOR,
     LATERAL_ERROR,
+    LINE,
     ROLL,
     SPEED,
     STEER,
@@ -44,6 +45,7 @@ from bike_policy.planning.lap_plan import (
     references_of,
 )
 from bike_policy.planning.plan_verification import Rollouts, verified_margin, verified_plan
+from bike_policy.planning.racecraft import guard
 from bike_policy.planning.ride_observer import RideObserver
 from bike_policy.riders.rider import LearnedRider
 from bike_sim.course.course import Course
@@ -225,11 +227,17 @@ class RaceInterface:
         if self._offset_step:
             self._offsets += np.clip(targets[:, 0] - self._offsets, -self._offset_step, self._offset_step)
             targets[:, 0] = self._offsets
-            seen = np.nan_to_num(ll.seen_of(rows.state, rows.look))
-            ll.slower_inside(seen, targets, self._guide.law.plans)
+            self._leave_room(rows, targets, self._guide.law)
         # What the targets change is the speed that is asked.
         targets[:, 1] = self.references.share * (1.0 + targets[:, 1]) - 1.0
         return self._guide.commands(rows, targets=targets)
+
+    def _leave_room(self, rows: VehicleRows, targets: FloatArray, law: ll.LineLaw) -> None:
+        """Bound the targets by others and by the line: no move into who is beside, no ride into who is ahead."""
+        seen, points = np.nan_to_num(ll.seen_of(rows.state, rows.look)), np.ascontiguousarray(rows.points[:, LINE])
+        if self._layout.sees_others:
+            guard(seen, points, np.ascontiguousarray(rows.opponents), law.plans, targets)
+        ll.slower_inside(seen, targets, law.plans)
 
     def state_dict(self) -> dict[str, Any]:
         """Return the memory, as arrays."""
