@@ -30,7 +30,7 @@ from safetensors.numpy import load_file, save_file
 from bike_policy.contract.bundle import Actor
 from bike_policy.contract.observation import PROGRESS, Rows
 from bike_policy.planning.grip import AdaptiveLaw, GripMemory
-from bike_policy.planning.lap_plan import CAREFUL_SETTINGS
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.learning.networks import Weights, actor_of, forward, weights_of
@@ -117,7 +117,8 @@ class Teacher:
             assert isinstance(vehicle, Superbike), "races are ridden on superbikes"
             own = worlds[part :: self._kinds]
             self._delays.append(np.array([held + world.command_delay_s for world in own]))
-            self._laws.append(AdaptiveLaw(vehicle, period, CAREFUL_SETTINGS, len(own)))
+            # Without the reflex of careful riders, which stands behind the actor: what the actor sees must decide.
+            self._laws.append(AdaptiveLaw(vehicle, period, CLASSICAL_SETTINGS, len(own)))
 
     def begin(self, row: int, rng: np.random.Generator) -> None:
         """Begin a ride, which may know the grip as after a lap.

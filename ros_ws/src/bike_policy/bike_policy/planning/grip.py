@@ -53,6 +53,8 @@ SHAKING: Final = 0.4
 """Mean magnitude of the steer rate at which handlebars shake, rad/s."""
 SHAKING_MEMORY: Final = 0.2
 """Time constant of that mean, s."""
+SHAKING_SPEED: Final = 20.0
+"""Speed below which quick steering is no shaking: slow machines are balanced by it, m/s."""
 _STEP: Final = 1e-3
 
 LEVEL: Final = 0.01
@@ -148,7 +150,8 @@ class GripMemory:
         self._part = part
         ahead = (part[:, None] + self._ahead) % self._parts[:, None]
         found = self._lap[every[:, None], ahead]
-        blind = np.minimum(grip, 1.0) - self._unseen if self._unseen else grip
+        # Plans are made for no less than the last of GRIPS, and a lean for less than its plan asks runs wide.
+        blind = np.maximum(np.minimum(grip, 1.0) - self._unseen, np.minimum(grip, GRIPS[-1])) if self._unseen else grip
         return np.minimum(grip, np.where(np.isfinite(found), found, blind[:, None]).min(axis=1))
 
     def state_dict(self) -> dict[str, FloatArray]:
@@ -186,7 +189,8 @@ class ShakeReflex:
         rate = np.nan_to_num(rows.state[:, STATE.index("steer_rate")])
         mean = self._keeps * self._mean + (1.0 - self._keeps) * np.abs(rate)
         self._mean, self._rate = np.where(rate != self._rate, mean, self._mean), rate
-        throttle = np.where(self._mean > SHAKING, np.minimum(commands[:, 1], 0.0), commands[:, 1])
+        shakes = (self._mean > SHAKING) & (np.nan_to_num(rows.look[:, SPEED]) > SHAKING_SPEED)
+        throttle = np.where(shakes, np.minimum(commands[:, 1], 0.0), commands[:, 1])
         return np.stack((commands[:, 0], throttle), axis=1)
 
     def state_dict(self) -> dict[str, FloatArray]:
