@@ -5,9 +5,9 @@ That they start from nothing is tested with `bike ride`, `ros2 run` and the laun
 
 from __future__ import annotations
 
+import importlib
 import multiprocessing
 import os
-import runpy
 import signal
 import sys
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ _CONTEXT.set_forkserver_preload(["tests.ros.loaded"])
 
 
 class Forked:
-    """A Python module run as a program, with the part of `subprocess.Popen` that tests use."""
+    """A module's `main` run as a program, with the part of `subprocess.Popen` that tests use."""
 
     def __init__(self, module: str, words: Sequence[str], environment: Mapping[str, str], output: Path) -> None:
         """Start it with the words of its command line; what it prints goes to a file."""
@@ -54,7 +54,8 @@ def _run(module: str, words: list[str], environment: dict[str, str], folder: str
     os.environ.update(environment)
     os.chdir(folder)
     sys.argv = words
-    runpy.run_module(module, run_name="__main__", alter_sys=True)
+    sys.path[:0] = filter(None, environment.get("PYTHONPATH", "").split(os.pathsep))
+    importlib.import_module(module).main()
 
 
 def load() -> None:

@@ -179,8 +179,9 @@ def test_a_superbike_comes_out_the_same(ros, tmp_path: Path) -> None:
     (replay,) = replays(path)
     assert replay.same
     assert replay.states == replay.recorded_states == 151
-    seen = read_observations(path, load_bundle("racer"))  # what a policy that races would have seen of it
-    assert seen.observations.shape == (15, RACE_LAYOUTS["guided"].size)
+    bundle = load_bundle("spdl_barcelona")
+    seen = read_observations(path, bundle)  # what a policy that races would have seen of it
+    assert seen.observations.shape == (50, RACE_LAYOUTS["compact"].size)
     assert seen.differ > 0.1
     with pytest.raises(ValueError, match="no section 'chicane'"):
-        read_observations(path, load_bundle("racer"), "chicane")
+        read_observations(path, bundle, "chicane")
