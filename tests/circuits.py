@@ -37,10 +37,10 @@ def write_kidney(path: Path) -> Path:
     return path
 
 
-def write_oval(folder: Path) -> Path:
-    """Write a small circuit for superbikes."""
+def write_oval(folder: Path, size: float = 1.0) -> Path:
+    """Write a small circuit for superbikes, 700 m long at a size of 1."""
     angle = np.linspace(0.0, 2.0 * math.pi, 120, endpoint=False)
-    radius = 110.0 + 25.0 * np.cos(2.0 * angle)
+    radius = size * (110.0 + 25.0 * np.cos(2.0 * angle))
     rows = "\n".join(f"{r * np.cos(a):.4f},{r * np.sin(a):.4f},6.0,6.0" for a, r in zip(angle, radius, strict=True))
     path = folder / "oval.csv"
     path.write_text(f"# x_m,y_m,w_tr_right_m,w_tr_left_m\n{rows}\n", encoding="utf-8")

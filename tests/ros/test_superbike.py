@@ -174,7 +174,8 @@ def test_a_changed_parameter_does_not_load_the_circuit_again(superbike: tuple[St
 
 
 @pytest.mark.slow
-def test_laps_through_the_nodes_are_recorded_and_timed_alike(circuit: Path, tmp_path: Path) -> None:
+def test_laps_through_the_nodes_are_recorded_and_timed_alike(tmp_path: Path) -> None:
+    circuit = write_oval(tmp_path, 0.45)
     machine = load_superbike("panigale_v4r")
     limits = envelope(machine)
     track = track_with_line(circuit, limits)
