@@ -236,7 +236,7 @@ def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chr
 @pytest.fixture
 def browser(chromium: webdriver.Chrome) -> Iterator[webdriver.Chrome]:
     """A page in Chromium, which takes longer to start than most tests."""
-    chromium.set_window_size(600, 500)  # what is drawn takes its time by pixels
+    chromium.set_window_size(1000, 800)
     chromium.get_log("browser")
     yield chromium
     chromium.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
@@ -460,12 +460,12 @@ def listeners() -> tuple[list[dict[str, Any]], list[LiveServer], Callable[[dict[
 
 @pytest.fixture
 def ridden_by_others() -> Iterator[int]:
-    """ROS domain in which a simulator is ridden by the policy node in lockstep, no faster than a page shows."""
+    """ROS domain in which a simulator is ridden by the policy node in lockstep, as fast as they can."""
     with DomainLease() as lease:
         simulator = {"course": "circle", "speed": 4.0}
         with (
             NodeProcess("bike_sim.ros.sim_node", simulator, lease.domain_id),
-            NodeProcess("bike_policy.drive", {"policy": "lqr", "rate_hz": 20.0}, lease.domain_id),
+            NodeProcess("bike_policy.drive", {"policy": "lqr"}, lease.domain_id),
         ):
             yield lease.domain_id
 
