@@ -16,6 +16,7 @@ from bike_policy.contract.observation import RACE_LAYOUTS
 from bike_policy.planning.grip import AdaptiveLaw
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, CLEARANCE, GUIDE, P_FASTER, plan_line
 from bike_policy.planning.line_law import OFFSET, STEERING, LineLaw
+from bike_policy.planning.racecraft import CORNER_RATE
 from bike_policy.riders.racing import PASSING_ROOM, PolicyBatch, with_passing_room
 from bike_sim.course.course import Course
 from bike_sim.physics import state as ps
@@ -213,7 +214,7 @@ def test_few_slow_starts_throw_the_guide_down(panigale: Superbike) -> None:
 
 
 def test_who_sees_others_and_holds_still_rides_as_the_lone_classical_rider(panigale: Superbike) -> None:
-    """The same plan and law; a target beside the line is reached at its rate, and faster is granted on straights."""
+    """The same plan and law; a target beside the line moves slowly in a corner, and faster is granted on straights."""
     line = circle(60.0, 1.0)
     plan = plan_line(panigale, line, CLASSICAL_SETTINGS)
     faster = with_passing_room(plan).table[:, P_FASTER]
@@ -240,8 +241,8 @@ def test_who_sees_others_and_holds_still_rides_as_the_lone_classical_rider(panig
             targets.append(float(law.memory[0, OFFSET]))
         states.append(batch.state[0].copy())
         if actor is left:
-            assert 0.0 < targets[-1] < 2.0 * 0.8
-            assert np.diff(targets).max() < 1.3 * 2.0 * 0.02
+            assert 0.0 < targets[-1] < CORNER_RATE * 0.8
+            assert np.diff(targets).max() < 1.3 * CORNER_RATE * 0.02
         batch.close()
     np.testing.assert_allclose(states[0], states[2], atol=1e-6)
-    assert abs(states[1] - states[2]).max() > 1e-3
+    assert abs(states[1] - states[2]).max() > 1e-5

@@ -194,3 +194,15 @@ def test_targets_of_a_policy_leave_room_to_others() -> None:
     offset, pace = rider.targets(wanted, left=(0.5, 1.9, FAST))
     assert offset == pytest.approx(1.9 - rc.CLEARANCE)
     assert pace == 0.08
+
+
+def test_targets_move_at_their_rate_and_slowly_in_corners() -> None:
+    """On the straight by the step that is given, in and shortly before the corner by that of a choice there."""
+    observed, offsets = np.zeros((2, SEEN)), np.zeros(2)
+    observed[:, SPEED], observed[:, PROGRESS] = SLOW, (400.0, STRAIGHT + 20.0)
+    table, *others = plan_of()
+    plans = (table, *(np.repeat(each, 2) for each in others))
+    rc.move_targets(observed, np.array([3.0, -3.0]), 0.06, PERIOD, plans, offsets)
+    np.testing.assert_allclose(offsets, [0.06, -rc.CORNER_RATE * PERIOD])
+    rc.move_targets(observed, np.array([0.05, 0.0]), 0.06, PERIOD, plans, offsets)
+    np.testing.assert_allclose(offsets, [0.05, 0.0], atol=1e-12)

@@ -279,6 +279,30 @@ def _behind(
 
 
 @njit(cache=True)
+def move_targets(
+    observed: FloatArray, wanted: FloatArray, step: float, period: float, plans: Plans, offsets: FloatArray
+) -> None:
+    """Move distances from the line towards wanted ones, in place: slowly in corners, where a deep lean has no reserve.
+
+    Args:
+        observed: inputs of the law, shape (n, columns of `line_law.INPUTS`).
+        wanted: distances that are moved to, m, shape (n,).
+        step: largest move, m.
+        period: control period, s.
+        plans: of the law.
+        offsets: in and out, m, shape (n,).
+    """
+    for row in range(len(observed)):
+        most = step
+        for ahead in (0.0, 0.4):
+            place = observed[row, PROGRESS] + ahead * max(observed[row, SPEED], 1.0)
+            bend = abs(plan_at(plans, row, P_CURVATURE, place))
+            if bend * plan_at(plans, row, P_SPEED, place) ** 2 > LEANT:
+                most = min(step, CORNER_RATE * period)
+        offsets[row] += min(max(wanted[row] - offsets[row], -most), most)
+
+
+@njit(cache=True)
 def guard(observed: FloatArray, points: FloatArray, opponents: FloatArray, plans: Plans, targets: FloatArray) -> None:
     """Bound the targets of somebody else, in place: by the room of who is beside, and behind who is straight ahead.
 

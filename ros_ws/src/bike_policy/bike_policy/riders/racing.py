@@ -45,7 +45,7 @@ from bike_policy.planning.lap_plan import (
     references_of,
 )
 from bike_policy.planning.plan_verification import Rollouts, verified_margin, verified_plan
-from bike_policy.planning.racecraft import guard
+from bike_policy.planning.racecraft import guard, move_targets
 from bike_policy.planning.ride_observer import RideObserver
 from bike_policy.riders.rider import LearnedRider
 from bike_sim.course.course import Course
@@ -122,7 +122,7 @@ class RaceInterface:
         if "guide" in layout.terms and not action.guided:
             raise ValueError(f"layout {layout.name!r} shows the guide's commands, and there is no guide")
         self._layout, self._action, self._max_steer = layout, action, vehicle.max_steer
-        self._offset_step = period * action.columns[0].rate
+        self._period, self._offset_step = period, period * action.columns[0].rate
         self._offsets = np.zeros(count)
         adaptive = "grip" in layout.terms
         self._planned = references_of(vehicle, adaptive)
@@ -225,16 +225,16 @@ class RaceInterface:
             return commands if self._reflex is None else self._reflex.commands(self.observer.observe(rows), commands)
         targets = self._action.to_targets(actions)
         if self._offset_step:
-            self._offsets += np.clip(targets[:, 0] - self._offsets, -self._offset_step, self._offset_step)
-            targets[:, 0] = self._offsets
-            self._leave_room(rows, targets, self._guide.law)
+            self._move(rows, targets, self._guide.law)
         # What the targets change is the speed that is asked.
         targets[:, 1] = self.references.share * (1.0 + targets[:, 1]) - 1.0
         return self._guide.commands(rows, targets=targets)
 
-    def _leave_room(self, rows: VehicleRows, targets: FloatArray, law: ll.LineLaw) -> None:
-        """Bound the targets by others and by the line: no move into who is beside, no ride into who is ahead."""
+    def _move(self, rows: VehicleRows, targets: FloatArray, law: ll.LineLaw) -> None:
+        """Move to the targets at their rate, not into who is beside, nor ride into who is ahead."""
         seen, points = np.nan_to_num(ll.seen_of(rows.state, rows.look)), np.ascontiguousarray(rows.points[:, LINE])
+        move_targets(seen, targets[:, 0].copy(), self._offset_step, self._period, law.plans, self._offsets)
+        targets[:, 0] = self._offsets
         if self._layout.sees_others:
             guard(seen, points, np.ascontiguousarray(rows.opponents), law.plans, targets)
         ll.slower_inside(seen, targets, law.plans)
