@@ -265,6 +265,7 @@ TABLES: Final[Mapping[str, Table]] = {
     "classical_pairs": Table(races),
     "guide_pairs": Table(races),
     "adaptive_disturbed": Table(races),
+    "adaptive_pairs": Table(races),
     "classical_disturbed": Table(races),
     "worlds": Table(worlds, ("careful", "adaptive")),
     "held_pairs": Table(races),
