@@ -7,8 +7,9 @@ BIN := .venv/bin
 SHELL_SCRIPTS := tools/setup tools/update-constraints tools/release .ci/run
 YAML_FOLDERS := ros_ws/src docker .github .pre-commit-config.yaml mkdocs.yml CITATION.cff
 MKDOCS := NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
-# Tests run in as many processes as there are processors, at most four; those of a file together, in pytest's order.
-SIDE_BY_SIDE := -n logical --maxprocesses 4 --dist loadgroup --no-loadscope-reorder
+# Tests run in as many processes as there are processors, at most four; those of a file together, since they share
+# fixtures that take seconds, in pytest's order.
+SIDE_BY_SIDE := -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)

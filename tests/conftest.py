@@ -99,16 +99,13 @@ def pytest_collection_finish() -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Moves the slow tests to the end, and before them those that start ROS 2 nodes.
 
-    Where several processes share the tests it is the other way round, so that none waits for another in the end. Those
-    of one file that are of one kind stay together, because they share fixtures that take seconds.
+    Where several processes share the tests it is the other way round, so that none waits for another in the end.
     """
 
     def kind(item: pytest.Item) -> int:
         return 2 * bool(item.get_closest_marker("slow")) + bool(item.get_closest_marker("ros"))
 
     items.sort(key=kind, reverse=hasattr(config, "workerinput"))
-    for item in items:
-        item.add_marker(pytest.mark.xdist_group(f"{kind(item)} {item.path.name} {item.path.parent.name}"))
 
 
 @pytest.fixture(scope="session")
