@@ -44,15 +44,7 @@ from bike_sim.sim.simulator import Simulator
 from bike_training.envs.node_process import NodeLost, NodeProcess
 from bike_training.nodes import live_watch
 from bike_training.nodes.live_race import LiveRace
-from bike_training.nodes.live_ride import (
-    FRAME,
-    PACES,
-    STATE_NAMES,
-    LiveRide,
-    LiveSettings,
-    checked_request,
-    state_names,
-)
+from bike_training.nodes.live_ride import PACES, STATE_NAMES, LiveRide, LiveSettings, checked_request, state_names
 from bike_training.nodes.live_server import MAX_REQUEST, LiveServer
 from bike_training.nodes.live_watch import LiveWatch
 from bike_training.nodes.race_recording import RecordedRace
@@ -217,31 +209,21 @@ def test_a_slow_page_misses_states_and_no_lap(served: Any) -> None:
 # ---- a ride ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chrome]:
-    program, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    if program is None or driver is None:
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[webdriver.Chrome]:
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if chromium is None or driver is None:
         pytest.skip("the page tests need the Debian packages chromium and chromium-driver, which `make test` installs")
     options = webdriver.ChromeOptions()
-    options.binary_location = program
+    options.binary_location = chromium
     for flag in ("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"):
         options.add_argument(flag)
-    options.add_argument(f"--user-data-dir={tmp_path_factory.mktemp('profile')}")
+    options.add_argument(f"--user-data-dir={tmp_path / 'profile'}")
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     chrome = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    chrome.set_window_size(1000, 800)
     yield chrome
     chrome.quit()
-
-
-@pytest.fixture
-def browser(chromium: webdriver.Chrome) -> Iterator[webdriver.Chrome]:
-    """A page in Chromium, which takes longer to start than most tests."""
-    chromium.set_window_size(1000, 800)
-    chromium.get_log("browser")
-    yield chromium
-    chromium.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
-    chromium.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
-    chromium.get("about:blank")
 
 
 def touch(browser: webdriver.Chrome, kind: str, *points: tuple[float, float]) -> None:
@@ -321,35 +303,25 @@ def test_a_ghost_rides_along_and_begins_again_with_each_lap(browser: webdriver.C
 
 
 RIDE_BY_KEYS = """
-  const { live } = document.querySelector(".view").view, names = { 1: "ArrowLeft", "-1": "ArrowRight" };
-  const add = live.add.bind(live), command = live.sendCommand.bind(live);
-  live.sendCommand = () => {};  // a command for each state, and not by the clock
+  const view = document.querySelector(".view").view, { live } = view, names = { 1: "ArrowLeft", "-1": "ArrowRight" };
   let held = 0;
   const press = (kind, side) => dispatchEvent(new KeyboardEvent(kind, { key: names[side] }));
-  live.add = (...told) => {
-    add(...told);
-    if (live.ridden) return;
-    const last = name => live.rows[name].at(-1), along = last("yaw") - last("distance") / 8;
-    const wish = 0.44 - 0.27 * (last("error") + 3 * along), off = live.command.steering - wish;
+  const look = () => {
+    const { columns } = view.main, n = columns.time.length - 1, along = columns.yaw[n] - columns.distance[n] / 8;
+    const wish = 0.44 - 0.27 * (columns.error[n] + 3 * along), off = live.command.steering - wish;
     const side = Math.abs(off) < 0.06 ? 0 : off > 0 ? -1 : 1;
     if (side !== held) {
       if (held) press("keyup", held);
       if (side) press("keydown", side);
       held = side;
     }
-    if (live.laps.length && Math.abs(last("error")) < 0.7 && Math.abs(along) < 0.15) {  // fit to be taken over
-      if (held) press("keyup", held);
-      live.ridden = true;
-      return;
-    }
-    command();
-    live.send({ type: "step" });
+    const near = Math.abs(columns.error[n]) < 0.7 && Math.abs(along) < 0.15;  // fit to be taken over
+    if (!live.laps.length || !near) return requestAnimationFrame(look);
+    if (held) press("keyup", held);
+    live.ridden = true;
   };
-  live.send({ type: "step" });"""
-"""Rides around a circle of 8 m as a person would: presses an arrow until the lean leads back to the line.
-
-The ride stands until the page has answered its last state, so that it is the same on a busy machine.
-"""
+  look();"""
+"""Rides around a circle of 8 m as a person would: presses an arrow until the lean leads back to the line."""
 
 
 MAX_RIDE = 90.0
@@ -358,8 +330,8 @@ SILENCE = 30.0
 """Wall-clock time without a new state after which a ride has stopped, s."""
 
 
-def ridden_until(done: Callable[[], Any], told: list[dict[str, Any]]) -> None:
-    """Wait for something in the ride's own time: a busy machine rides slower."""
+def ridden_until(done: Callable[[], Any], told: list[dict[str, Any]], each: Callable[[], Any] = lambda: None) -> None:
+    """Wait for something in the ride's own time, and do `each` at every look: a busy machine rides slower."""
     states = lambda: [message["state"] for message in told if "state" in message]  # noqa: E731
     begun, last, heard_at = states()[-1][0], None, time.monotonic()
     while not done():
@@ -368,6 +340,7 @@ def ridden_until(done: Callable[[], Any], told: list[dict[str, Any]]) -> None:
             last, heard_at = now, time.monotonic()
         assert now - begun < MAX_RIDE, f"not within {MAX_RIDE} s of the ride"
         assert time.monotonic() - heard_at < SILENCE, f"the ride stopped: {[m for m in told if 'event' in m][-3:]}"
+        each()
         time.sleep(0.2)
 
 
@@ -399,19 +372,25 @@ def test_a_lap_is_ridden_by_keys_and_lies_beside_another(browser: webdriver.Chro
         ActionChains(browser).send_keys(" ").perform()
         wait.until(lambda b: b.find_element(By.CSS_SELECTOR, '[data-live="pause"]').text == "Pause")
         wait.until(lambda b: b.execute_script("return +(document.querySelector('.view').dataset.states ?? 0)") > 3)
-        ActionChains(browser).send_keys(" ").perform()  # before hands are on the handlebars that steer nothing yet
-        wait.until(lambda b: "Go on" in b.find_element(By.CSS_SELECTOR, '[data-live="pause"]').text)
         ActionChains(browser).key_down(Keys.ARROW_LEFT).pause(0.05).key_up(Keys.ARROW_LEFT).perform()
         wait.until(lambda _: ride.status()["status"]["hands"])
-        ride.ask({"type": "pace", "factor": 0.9 * SimulatorConfig().control_period / FRAME})  # all states are shown
+        page = "return document.querySelector('.view').view.live."
+
+        def ride_as_seen() -> None:  # who sees fewer pictures rides slower, again whenever the machine becomes busier
+            rate = wait.until(lambda b: b.execute_script(page + "rate"))
+            pace = min(1.0, rate * SimulatorConfig().control_period)
+            if abs(pace / ride.status()["status"]["pace"] - 1.0) > 0.2:
+                ride.ask({"type": "pace", "factor": max(pace, PACES[0])})
+
+        ride_as_seen()
         browser.execute_script(RIDE_BY_KEYS)
-        ridden = "return document.querySelector('.view').view.live.ridden"
-        ridden_until(lambda: laps() and browser.execute_script(ridden), told)
+        ridden_until(lambda: laps() and browser.execute_script(page + "ridden"), told, ride_as_seen)
         assert ride.status()["status"]["hands"]
         ride.ask({"type": "rider", "hands": False, "balance": True})
-        ride.ask({"type": "pause", "on": False})
         ride.ask({"type": "pace", "factor": 10.0})
         ridden_until(lambda: len(laps()) >= 2, told)
+        rate = browser.execute_script(page + "rate")
+        print(f"{rate:.0f} frames a second")
         errors = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
         assert errors == []
     finally:
