@@ -18,10 +18,9 @@ from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.stewards import Stewards
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
-from bike_training.curricula.base import Episodes
 from bike_training.curricula.rivals import RivalsCurriculum
 from bike_training.envs.vec_env import BatchVecEnv
-from bike_training.tasks.base import StepResult, sum_of
+from bike_training.tasks.base import StepResult
 from bike_training.tasks.race import RaceContext, RaceState, RaceTask, places
 
 FloatArray = NDArray[np.float64]
@@ -158,55 +157,35 @@ class RaceVecEnv(BatchVecEnv):
     All learners of a race begin and end together: where one fails, the others' episodes are truncated.
     """
 
-    def __init__(
-        self,
-        count: int,
-        task: RaceTask,
-        episodes: Episodes,
-        config: SimulatorConfig,
-        seed: int,
-        machines: Sequence[str] = (),
-    ) -> None:
-        """Make races for a number of learners.
+    rides: LearnersState  # type: ignore[assignment]
 
-        Args:
-            count: number of learners.
-            task: to be learned.
-            episodes: a `RivalsCurriculum`.
-            config: vehicle, engine and steps.
-            seed: seed of all rides.
-            machines: names or files that the races take in turn, where there are several; none for the config's.
+    def _open(self, config: SimulatorConfig, machines: Sequence[str]) -> None:
+        """Make the batch of all races; machines are taken by the races in turn.
 
         Raises:
             ValueError: learners that do not fill their races.
         """
-        assert isinstance(episodes, RivalsCurriculum)
-        self._learners, self._size = episodes.settings.learners, episodes.settings.machines
-        if count % self._learners:
+        assert isinstance(self.episodes, RivalsCurriculum)
+        assert isinstance(self.task, RaceTask)
+        settings, count, period = self.episodes.settings, self.num_envs, config.control_period
+        if count % settings.learners:
             raise ValueError(
-                f"setting learner.environments={count} must be a multiple of curriculum.learners={self._learners}"
+                f"setting learner.environments={count} must be a multiple of curriculum.learners={settings.learners}"
             )
-        self._prepare(count, task, episodes, seed)
+        self._learners, self._size, self.starts = settings.learners, settings.machines, count // settings.learners
         names = list(machines) or [config.vehicle]
-        races = count // self._learners
-        vehicles = [load_vehicle(names[race % len(names)]) for race in range(races) for _ in range(self._size)]
-        groups = [race for race in range(races) for _ in range(self._size)]
-        self.batch = Batch(len(groups), config, task.preview, vehicles=vehicles, together=groups)
-        self.states = LearnersState(task, self.batch, self._learners, self._size)
-        riders = (["" for _ in range(self._learners)] + [CLASSICAL] * episodes.settings.rivals) * races
-        self._field = RaceField(riders, vehicles, config.control_period, unverified_plan)
+        groups = [race for race in range(self.starts) for _ in range(self._size)]
+        vehicles = [load_vehicle(names[race % len(names)]) for race in groups]
+        self.batch = Batch(len(groups), config, self.task.preview, vehicles=vehicles, together=groups)
+        self.rides = LearnersState(self.task, self.batch, self._learners, self._size)
+        self.rows = self.rides.rows
+        riders = (["" for _ in range(self._learners)] + [CLASSICAL] * settings.rivals) * self.starts
+        self._field = RaceField(riders, vehicles, period, unverified_plan)
         self._step = 0
 
     def state_dict(self) -> dict[str, Any] | None:
         """Return that races are not taken up in their middle: a run that is resumed begins new ones."""
         return None
-
-    def reset(self) -> NDArray[np.float32]:
-        """Begin a new race of all learners."""
-        self._draw_anew()
-        for race in range(self.num_envs // self._learners):
-            self.begin(race)
-        return self.states.observe(self.batch)
 
     def begin(self, index: int) -> None:
         """Begin a race."""
@@ -222,32 +201,21 @@ class RaceVecEnv(BatchVecEnv):
             self._field.set_share(row, 1.0 if context is None else context.share)
         for k in range(self._learners):
             env = index * self._learners + k
-            self.states.begin(env, self.batch, requests[k])
+            self.rides.begin(env, self.batch, requests[k])
             self._requests[env], self.steps[env], self.returns[env] = requests[k], 0, 0.0
 
-    def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
-        """Step every machine; races that ended have started again in the returned observations."""
-        batch, states = self.batch, self.states
-        states.act(batch, self._actions)
-        for _ in range(self.task.repeat):
-            commands = self._field.commands(batch, self._step)
-            states.commands(batch, commands)
-            batch.step(commands)
-            states.advance(batch)
-            self._step += 1
-        self.steps += 1
-        terms, failed = states.evaluate(batch)
-        rewards = sum_of(terms).astype(np.float32)
-        self.returns += rewards
-        over = (failed | (self.steps >= self.task.max_steps)).reshape(-1, self._learners).any(axis=1)
-        ended = np.repeat(over, self._learners)
-        observations = states.observe(batch)
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        for index in np.flatnonzero(ended):
-            progress = float(batch.look[states.rows[index], lk.PROGRESS])
-            infos[index] = self._info(int(index), observations[index].copy(), not failed[index], progress)
-        for race in np.flatnonzero(over):
-            self.begin(int(race))
-        if over.any():
-            observations = states.observe(batch)
-        return observations, rewards, ended, infos
+    def _commands(self) -> FloatArray:
+        """Return those of classical riders, and between them those of learners."""
+        commands = self._field.commands(self.batch, self._step)
+        self.rides.commands(self.batch, commands)
+        self._step += 1
+        return commands
+
+    def _ended(self, over: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return all learners of the races in which one is over."""
+        return np.repeat(over.reshape(-1, self._learners).any(axis=1), self._learners)
+
+    def _go_on(self, ended: NDArray[np.bool_], failed: NDArray[np.bool_]) -> None:
+        """Begin the races that have ended."""
+        for race in np.flatnonzero(ended[:: self._learners]).tolist():
+            self.begin(race)

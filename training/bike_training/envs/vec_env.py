@@ -55,6 +55,9 @@ class BatchVecEnv(VecEnv):
     Attributes:
         task: to be learned.
         batch: of vehicles.
+        rides: state of the task for the learners.
+        rows: row of each learner in the batch, shape (n,).
+        starts: number of rides that begin apart from each other.
     """
 
     def __init__(
@@ -76,11 +79,6 @@ class BatchVecEnv(VecEnv):
             seed: seed of all rides.
             machines: names or files that the rows take in turn, where there are several; none for the config's.
         """
-        self._prepare(count, task, episodes, seed)
-        self.batch, self.rides = batch_of(task, count, config, machines)
-
-    def _prepare(self, count: int, task: Task, episodes: Episodes, seed: int) -> None:
-        """Make room for a number of learners."""
         self.render_mode = None
         VecEnv.__init__(self, count, *task_spaces(task))
         self.task = task
@@ -91,6 +89,12 @@ class BatchVecEnv(VecEnv):
         self.returns = np.zeros(count)
         self._requests: list[ResetRequest] = [ResetRequest()] * count
         self._actions = np.zeros((count, task.action.size), dtype=np.float32)
+        self._open(config, machines)
+
+    def _open(self, config: SimulatorConfig, machines: Sequence[str]) -> None:
+        """Make the batch and the state of the task for its learners; `begin` starts each of its `starts`."""
+        self.batch, self.rides = batch_of(self.task, self.num_envs, config, machines)
+        self.rows, self.starts = np.arange(self.num_envs), self.num_envs
 
     def set_episodes(self, episodes: Episodes) -> None:
         """Draw new episodes from elsewhere from now on."""
@@ -137,16 +141,12 @@ class BatchVecEnv(VecEnv):
 
         After :meth:`seed` the draws start again with that seed.
         """
-        self._draw_anew()
-        for index in range(self.num_envs):
-            self.begin(index)
-        return self.rides.observe(self.batch)
-
-    def _draw_anew(self) -> None:
-        """Start the draws again where a seed was set."""
         if self._seeds[0] is not None:
             self.rng = np.random.default_rng(self._seeds[0])
         self._reset_seeds()
+        for index in range(self.starts):
+            self.begin(index)
+        return self.rides.observe(self.batch)
 
     def begin(self, index: int) -> None:
         """Begin a new ride of a vehicle."""
@@ -171,45 +171,45 @@ class BatchVecEnv(VecEnv):
         """Step every vehicle; rides that ended have started again in the returned observations."""
         self.rides.act(self.batch, self._actions)
         for _ in range(self.task.repeat):
-            self.batch.step(self.rides.commands(self.batch))
+            self.batch.step(self._commands())
             self.rides.advance(self.batch)
         self.steps += 1
-        terms, terminated = self.rides.evaluate(self.batch)
+        terms, failed = self.rides.evaluate(self.batch)
         rewards = sum_of(terms).astype(np.float32)
         self.returns += rewards
-        truncated = ~terminated & (self.steps >= self.task.max_steps)
         observations = self.rides.observe(self.batch)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        ended = terminated | truncated
+        ended = self._ended(failed | (self.steps >= self.task.max_steps))
         for index in np.flatnonzero(ended):
-            progress = float(self.batch.look[index, lk.PROGRESS])
-            infos[index] = self._info(int(index), observations[index].copy(), bool(truncated[index]), progress)
-            if truncated[index] and self.task.continues and self.full_episodes[index] == 0:
+            infos[index] = {
+                "terminal_observation": observations[index].copy(),
+                "TimeLimit.truncated": not failed[index],
+                "episode": {"r": float(self.returns[index]), "l": int(self.steps[index]), "t": 0.0},
+                "request": self._requests[index],
+                "progress": float(self.batch.look[self.rows[index], lk.PROGRESS]),
+            }
+        if ended.any():
+            self._go_on(ended, failed)
+            observations = self.rides.observe(self.batch)
+        return observations, rewards, ended, infos
+
+    def _commands(self) -> NDArray[np.float64]:
+        """Return the commands of all vehicles of the batch in a control period."""
+        return self.rides.commands(self.batch)
+
+    def _ended(self, over: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return whose episodes end where those of some are over."""
+        return over
+
+    def _go_on(self, ended: NDArray[np.bool_], failed: NDArray[np.bool_]) -> None:
+        """Continue full episodes that may go on, and begin the other ended ones."""
+        for index in np.flatnonzero(ended).tolist():
+            if not failed[index] and self.task.continues and self.full_episodes[index] == 0:
                 self.full_episodes[index] = 1
                 self.steps[index] = 0
                 self.returns[index] = 0.0
             else:
-                self.begin(int(index))
-        if ended.any():
-            observations = self.rides.observe(self.batch)
-        return observations, rewards, ended, infos
-
-    def _info(self, index: int, observation: NDArray[np.float32], truncated: bool, progress: float) -> dict[str, Any]:
-        """Return what is told of an episode that has ended.
-
-        Args:
-            index: of the vehicle.
-            observation: its last one.
-            truncated: whether it did not fail.
-            progress: where it ended, arc length of the followed line, m.
-        """
-        return {
-            "terminal_observation": observation,
-            "TimeLimit.truncated": truncated,
-            "episode": {"r": float(self.returns[index]), "l": int(self.steps[index]), "t": 0.0},
-            "request": self._requests[index],
-            "progress": progress,
-        }
+                self.begin(index)
 
     def close(self) -> None:
         """Release the engines."""
