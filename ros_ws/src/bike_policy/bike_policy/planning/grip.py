@@ -167,12 +167,12 @@ class GripMemory:
 class ShakeReflex:
     """No drive while the handlebars shake: drive unloads the front wheel, and a light one wobbles to a fall on bumps.
 
-    It stands behind a careful rider's commands, planned or learned.
+    It stands behind a careful rider's commands, planned or learned; behind those of others it does nothing.
     """
 
-    def __init__(self, period: float, count: int = 1) -> None:
-        """Prepare for a number of machines and their control period, s."""
-        self._keeps = math.exp(-period / SHAKING_MEMORY)
+    def __init__(self, careful: bool, period: float, count: int = 1) -> None:
+        """Prepare for a number of machines of a careful rider or another, and their control period, s."""
+        self._keeps, self._most = math.exp(-period / SHAKING_MEMORY), SHAKING if careful else math.inf
         self._mean, self._rate = np.zeros(count), np.full(count, np.nan)
 
     def begin(self, row: int) -> None:
@@ -189,7 +189,7 @@ class ShakeReflex:
         rate = np.nan_to_num(rows.state[:, STATE.index("steer_rate")])
         mean = self._keeps * self._mean + (1.0 - self._keeps) * np.abs(rate)
         self._mean, self._rate = np.where(rate != self._rate, mean, self._mean), rate
-        shakes = (self._mean > SHAKING) & (np.nan_to_num(rows.look[:, SPEED]) > SHAKING_SPEED)
+        shakes = (self._mean > self._most) & (np.nan_to_num(rows.look[:, SPEED]) > SHAKING_SPEED)
         throttle = np.where(shakes, np.minimum(commands[:, 1], 0.0), commands[:, 1])
         return np.stack((commands[:, 0], throttle), axis=1)
 
@@ -313,7 +313,8 @@ class AdaptiveLaw:
         self._planned = lru_cache(maxsize=KEPT)(lambda line: GripPlans(vehicle, line, known, plan(line)))
         self._plans: dict[int, GripPlans] = {}
         self._level = np.ones(count)
-        self._reflex = ShakeReflex(period, count) if settings.unseen else None
+        self._careful = settings.unseen > 0.0
+        self._reflex = ShakeReflex(self._careful, period, count)
 
     def plans(self, line: Course) -> GripPlans:
         """Return the plans of a line, made once for the same object.
@@ -334,8 +335,7 @@ class AdaptiveLaw:
         self.memory.begin(row, line)
         self.observer.begin(row, line)
         self._level[row] = 1.0
-        if self._reflex is not None:
-            self._reflex.begin(row)
+        self._reflex.begin(row)
 
     def commands(self, rows: VehicleRows, step: int = 0, targets: FloatArray | None = None) -> FloatArray:
         """Return steering and throttle in [-1, 1], shape (n, 2); the same ones again for the same rows.
@@ -348,7 +348,7 @@ class AdaptiveLaw:
         rows = self.observer.observe(rows)
         expected = self.memory.update(rows, self.observer.force_errors)
         # The delay that the observer finds is left out: looking so much farther ahead loses rides that are not lost so.
-        grip = self.memory.grip if self._reflex is None else np.minimum(self.memory.grip, expected)
+        grip = np.minimum(self.memory.grip, expected) if self._careful else self.memory.grip
         commands = self.follow(rows, grip, expected, targets, self.observer.rates)
         self.observer.answered(commands)
         return commands
@@ -379,22 +379,19 @@ class AdaptiveLaw:
             self.law.change(row, self._plans[row].on(float(level[row])), seen[row])
         self._level = level
         leans = self._leans.at(np.nan_to_num(rows.look[:, SPEED]), grip)
-        commands = self.law.commands(seen, targets, leans, rates, delays)
-        return commands if self._reflex is None else self._reflex.commands(rows, commands)
+        return self._reflex.commands(rows, self.law.commands(seen, targets, leans, rates, delays))
 
     def state_dict(self) -> dict[str, Any]:
         """Return what is remembered of the rides, as arrays."""
         law = {"law": self.law.memory.copy(), "level": self._level.copy(), "observer": self.observer.state_dict()}
-        law |= {} if self._reflex is None else self._reflex.state_dict()
-        return law | self.memory.state_dict()
+        return law | self._reflex.state_dict() | self.memory.state_dict()
 
     def restore(self, stored: Mapping[str, Any]) -> None:
         """Continue from what :meth:`state_dict` returned, after each row has begun again."""
         self.memory.restore(stored)
         self.observer.restore(stored["observer"])
         self._level = stored["level"].copy()
-        if self._reflex is not None:
-            self._reflex.restore(stored)
+        self._reflex.restore(stored)
         for row in np.flatnonzero(self._level != 1.0).tolist():
             self.law.change(row, self._plans[row].on(float(self._level[row])), stored["law"][row, :SEEN])
         self.law.memory[...] = stored["law"]

@@ -127,7 +127,7 @@ class RaceInterface:
         adaptive = "grip" in layout.terms
         self._planned = references_of(vehicle, adaptive)
         self._grip = GripMemory(vehicle, period, count, layout.unseen) if adaptive else None
-        self._reflex = ShakeReflex(period, count) if layout.unseen else None
+        self._reflex = ShakeReflex(layout.unseen > 0.0, period, count)
         self._guide = None
         if action.guided and layout.sees_others:  # it rides the plans of the classical riders that it meets
             base = plan or (lambda line: verified_plan(vehicle, line, CLASSICAL_SETTINGS, period))
@@ -182,13 +182,12 @@ class RaceInterface:
             self._guide.begin(row, rows, line)
         if self._grip is not None:
             self._grip.begin(row, line)
-            if self._reflex is not None:
-                self._reflex.begin(row)
             expected = self._grip.expected[row]
             self.references.grip[row], self.memory.grip[row] = expected, (expected, 1.0, FIRST_ERROR)
         self.references.begin(row, self._planned(line), self._layout.share if share is None else share, cap)
         memory, state = self.memory, rows.state[row]
         memory.rolls[row], memory.steers[row], memory.actions[row] = state[ROLL], state[STEER], 0.0
+        self._reflex.begin(row)
         if self._offset_step and self._guide is not None:  # it goes to its line from where it is
             self._offsets[row] = self._guide.law.memory[row, ll.OFFSET] = rows.look[row, LATERAL_ERROR]
 
@@ -214,15 +213,13 @@ class RaceInterface:
 
     def commands(self, rows: VehicleRows) -> FloatArray:
         """Return what the actions become in a control period: steering and throttle in [-1, 1], shape (n, 2)."""
-        actions = self.memory.actions[:, 0]
+        actions, seen = self.memory.actions[:, 0], self.observer.observe(rows)
         if self._grip is not None:
-            self._grip.update(self.observer.observe(rows), self.observer.force_errors)
+            self._grip.update(seen, self.observer.force_errors)
             self._show_grip(self._grip)
-        elif self._guide is None:
-            self.observer.observe(rows)  # it follows each control period, and a guide shows them to it
         if self._guide is None:
             commands = self._action.to_commands(actions, self._max_steer, rows.look[:, SPEED])
-            return commands if self._reflex is None else self._reflex.commands(self.observer.observe(rows), commands)
+            return self._reflex.commands(seen, commands)
         targets = self._action.to_targets(actions)
         if self._offset_step:
             self._move(rows, targets, self._guide.law)
@@ -243,8 +240,8 @@ class RaceInterface:
         """Return the memory, as arrays."""
         law = {"observer": self.observer.state_dict()} if self._guide is None else self._guide.state_dict()
         inferred = {} if self._grip is None else {"inferred": self._grip.state_dict()}
-        inferred |= {} if self._reflex is None else {"reflex": self._reflex.state_dict()}
         own = {"offsets": self._offsets.copy()} if self._offset_step else {}
+        own |= {"reflex": self._reflex.state_dict()}
         return {name: getattr(self.memory, name).copy() for name in _STORED} | own | law | inferred
 
     def restore(self, stored: Mapping[str, Any]) -> None:
@@ -260,8 +257,7 @@ class RaceInterface:
         if self._grip is not None:
             self._grip.restore(stored["inferred"])
             self._show_grip(self._grip)
-        if self._reflex is not None:
-            self._reflex.restore(stored["reflex"])
+        self._reflex.restore(stored["reflex"])
 
     def _show_grip(self, inferred: GripMemory) -> None:
         """Plan the reference for the expected grip, and show what is inferred."""
