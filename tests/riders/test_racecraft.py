@@ -12,7 +12,7 @@ from bike_policy.planning.lap_plan import P_CURVATURE, P_LEFT, P_LONGITUDINAL, P
 from bike_policy.planning.line_law import LATERAL_ERROR, PROGRESS, SEEN, SPEED
 from bike_sim.schema import OPPONENT, OPPONENT_SLOTS
 
-PERIOD = 0.02
+PERIOD, RATE = 0.02, 1.6
 SPACING = 5.0
 STRAIGHT, CORNER = 1500.0, 200.0
 FAST, SLOW = 60.0, 22.0
@@ -41,7 +41,7 @@ class Rider:
     def __init__(self, s: float, speed: float = FAST, turn: float = 1.0, side: float = 0.0) -> None:
         self.plans, self.memory = plan_of(turn), np.zeros((1, len(rc.CRAFT)))
         self.memory[0, 1] = side
-        self.s, self.speed, self.aside = s, speed, 0.0
+        self.s, self.speed, self.aside, self.asked = s, speed, 0.0, np.zeros(1)
 
     def targets(
         self, wanted: tuple[float, float] | None = None, **others: tuple[float, float, float]
@@ -59,7 +59,7 @@ class Rider:
         out = np.zeros((1, 2))
         if wanted is not None:
             out[0] = wanted
-            rc.guard(observed, points, seen, self.plans, out)
+            rc.guard_targets(observed, points, seen, self.plans, RATE, PERIOD, self.asked, out)
         else:
             rc.race_targets(observed, points, seen, self.memory, self.plans, PERIOD, out)
         return float(out[0, 0]), float(out[0, 1])
@@ -185,24 +185,40 @@ def test_the_mirrored_situation_gives_the_mirrored_answer() -> None:
 def test_targets_of_a_policy_leave_room_to_others() -> None:
     """Nobody rides into who is straight ahead or beside; past others, and alone, targets stay what they are."""
     rider, wanted = Rider(400.0), (1.0, 0.08)
+    rider.asked[0] = rider.aside = 1.0
     assert rider.targets(wanted) == wanted
-    assert rider.targets(wanted, behind=(-3.0, 0.0, FAST)) == wanted
-    assert rider.targets(wanted, ahead_1=(10.0, -2.0, 0.9 * FAST)) == wanted  # past it on the left
-    offset, pace = rider.targets(wanted, ahead_1=(6.0, 0.3, 0.9 * FAST))
+    assert rider.targets(wanted, behind=(-3.0, 1.0, FAST)) == wanted
+    assert rider.targets(wanted, ahead_1=(10.0, -1.0, 0.9 * FAST)) == wanted  # past it on the left
+    offset, pace = rider.targets(wanted, ahead_1=(6.0, 1.3, 0.9 * FAST))
     assert offset == 1.0
     assert pace < -0.09
-    offset, pace = rider.targets(wanted, left=(0.5, 1.9, FAST))
-    assert offset == pytest.approx(1.9 - rc.CLEARANCE)
-    assert pace == 0.08
+    rider.aside = 0.0
+    for _ in range(round(5.0 * rc.ESCAPE_TIME / PERIOD)):
+        asked = rider.asked[0]
+        offset, pace = rider.targets(wanted, left=(0.5, 1.9, FAST))
+        assert 0.0 <= asked - offset <= rc.ESCAPE_RATE * PERIOD
+        assert pace == 0.08
+    assert offset == pytest.approx(1.9 - rc.CLEARANCE, abs=0.02)
 
 
-def test_targets_move_at_their_rate_and_slowly_in_corners() -> None:
-    """On the straight by the step that is given, in and shortly before the corner by that of a choice there."""
-    observed, offsets = np.zeros((2, SEEN)), np.zeros(2)
-    observed[:, SPEED], observed[:, PROGRESS] = SLOW, (400.0, STRAIGHT + 20.0)
-    table, *others = plan_of()
-    plans = (table, *(np.repeat(each, 2) for each in others))
-    rc.move_targets(observed, np.array([3.0, -3.0]), 0.06, PERIOD, plans, offsets)
-    np.testing.assert_allclose(offsets, [0.06, -rc.CORNER_RATE * PERIOD])
-    rc.move_targets(observed, np.array([0.05, 0.0]), 0.06, PERIOD, plans, offsets)
-    np.testing.assert_allclose(offsets, [0.05, 0.0], atol=1e-12)
+def test_a_policy_that_is_astray_before_a_corner_is_slowed() -> None:
+    """As the classical rider is: it would have to turn harder than planned to come back."""
+    rider = Rider(STRAIGHT - 30.0, planned(STRAIGHT - 30.0))
+    rider.asked[0], rider.aside = 1.0, 1.4
+    assert rider.targets((1.0, 0.02)) == (1.0, 0.02)
+    rider.aside = -1.5
+    assert rider.targets((1.0, 0.02)) == (1.0, pytest.approx(0.02 - 2.0 * rc.ASTRAY))
+    far = Rider(400.0)
+    far.asked[0], far.aside = 1.0, -1.5
+    assert far.targets((1.0, 0.02)) == (1.0, 0.02)
+
+
+@pytest.mark.parametrize(("s", "rate"), [(400.0, RATE), (STRAIGHT + 20.0, rc.CORNER_RATE)])
+def test_targets_move_at_their_rate_and_slowly_in_corners(s: float, rate: float) -> None:
+    """On the straight at most at the rate that is given, from before a corner on at that of a choice there."""
+    rider = Rider(s, planned(s))
+    assert rider.targets((3.0, 0.0))[0] == pytest.approx(rate * PERIOD)
+    for _ in range(round(5.0 * rc.SETTLING / PERIOD)):
+        before = rider.asked[0]
+        assert abs(rider.targets((0.4, 0.0))[0] - 0.4) <= abs(before - 0.4)
+    assert rider.asked[0] == pytest.approx(0.4, abs=0.01)

@@ -210,18 +210,11 @@ def _decide(
     straight = not braking and turn_in > NEAR
     near = others[_AHEAD, _SEEN] > 0.0 and others[_AHEAD, _X] < 60.0
     pace = min(pace, DRAFT if straight and (near or side != 0.0) else 0.0)
-    held = min(max(wish, low), high)
-    room = _room(plans, row, s, speed, held)
-    held = min(max(held, -room), room)
-    offset = memory[_OFFSET]
-    if offset < low or offset > high or abs(offset) > _room(plans, row, s, speed, offset):
-        rate = ESCAPE_RATE
-    move = (held - offset) / (ESCAPE_TIME if rate == ESCAPE_RATE else SETTLING)
-    offset = memory[_OFFSET] = offset + period * min(max(move, -rate), rate)
+    offset = memory[_OFFSET] = _moved(memory[_OFFSET], wish, low, high, rate, plans, row, s, speed, period)
     bound = inside_pace(plans, row, s, speed, offset)
     pace = min(pace, bound) if bound < 0.0 else pace
-    if turn_in < NEAR:  # who is not where it wants to be has to turn harder than planned
-        pace = min(pace, -ASTRAY * max(abs(here - offset) - 0.5, 0.0))
+    if turn_in < NEAR:
+        pace = min(pace, -_lost(here - offset))
     target[0], target[1] = offset, max(pace, SLOWEST - 1.0)
 
 
@@ -279,50 +272,59 @@ def _behind(
 
 
 @njit(cache=True)
-def move_targets(
-    observed: FloatArray, wanted: FloatArray, step: float, period: float, plans: Plans, offsets: FloatArray
-) -> None:
-    """Move distances from the line towards wanted ones, in place: slowly in corners, where a deep lean has no reserve.
-
-    Args:
-        observed: inputs of the law, shape (n, columns of `line_law.INPUTS`).
-        wanted: distances that are moved to, m, shape (n,).
-        step: largest move, m.
-        period: control period, s.
-        plans: of the law.
-        offsets: in and out, m, shape (n,).
-    """
-    for row in range(len(observed)):
-        most = step
-        for ahead in (0.0, 0.4):
-            place = observed[row, PROGRESS] + ahead * max(observed[row, SPEED], 1.0)
-            bend = abs(plan_at(plans, row, P_CURVATURE, place))
-            if bend * plan_at(plans, row, P_SPEED, place) ** 2 > LEANT:
-                most = min(step, CORNER_RATE * period)
-        offsets[row] += min(max(wanted[row] - offsets[row], -most), most)
+def _lost(astray: float) -> float:
+    """Return the part of its speed that who is beside its target (m) gives up: it has to turn harder than planned."""
+    return ASTRAY * max(abs(astray) - 0.5, 0.0)
 
 
 @njit(cache=True)
-def guard(observed: FloatArray, points: FloatArray, opponents: FloatArray, plans: Plans, targets: FloatArray) -> None:
-    """Bound the targets of somebody else, in place: by the room of who is beside, and behind who is straight ahead.
+def _moved(
+    offset: float, wish: float, low: float, high: float, rate: float, plans: Plans, row: int, s: float, speed: float,
+    period: float,
+) -> float:  # fmt: skip
+    """Return the distance from the line (m) after a period (s), on the way to another within bounds and limits."""
+    held = min(max(wish, low), high)
+    room = _room(plans, row, s, speed, held)
+    held = min(max(held, -room), room)
+    if offset < low or offset > high or abs(offset) > _room(plans, row, s, speed, offset):
+        rate = ESCAPE_RATE
+    move = (held - offset) / (ESCAPE_TIME if rate == ESCAPE_RATE else SETTLING)
+    return offset + period * min(max(move, -rate), rate)
+
+
+@njit(cache=True)
+def guard_targets(
+    observed: FloatArray, points: FloatArray, opponents: FloatArray, plans: Plans, rate: float, period: float,
+    offsets: FloatArray, targets: FloatArray,
+) -> None:  # fmt: skip
+    """Bound the targets of somebody else, in place: room to who is beside, no nearer to who is straight ahead.
+
+    Distances from the line move as those of the classical rider do, slowly from shortly before a turn-in on, and where
+    the machine is not where it should be it is slower before corners.
 
     Args:
         observed: inputs of the law, shape (n, columns of `line_law.INPUTS`).
         points: followed line ahead, base_footprint, m, shape (n, stations, 3).
         opponents: nearest others, shape (n, slots, numbers).
         plans: of the law.
+        rate: at which distances move at most, m/s.
+        period: control period, s.
+        offsets: distances that are asked now, in and out, m, shape (n,).
         targets: in and out, shape (n, 2).
     """
     for row in range(len(observed)):
         others, speed, s = opponents[row], max(observed[row, SPEED], 1.0), observed[row, PROGRESS]
         asides, ratios = np.zeros(len(others)), np.ones(len(others))
         low, high = _beside(observed[row], points[row], others, plans, row, asides, ratios)
-        targets[row, 0] = min(max(targets[row, 0], low), high)
-        planned = max(plan_at(plans, row, P_SPEED, s), 1.0)
+        planned, turn_in = max(plan_at(plans, row, P_SPEED, s), 1.0), _road(plans, row, s, speed)[2]
+        most, wish = rate if turn_in > SETTLED else min(rate, CORNER_RATE), targets[row, 0]
+        offsets[row] = _moved(offsets[row], wish, low, high, most, plans, row, s, speed, period)
+        targets[row, 0] = offsets[row]
+        here = observed[row, LATERAL_ERROR]
+        if turn_in < NEAR:
+            targets[row, 1] -= _lost(here - offsets[row])
         for k in range(_BEHIND):
-            if others[k, _SEEN] == 0.0 or others[k, _X] <= 0.0:
-                continue
-            if _apart(asides[k] - observed[row, LATERAL_ERROR], others[k, _VY]) > CLEAR:
+            if others[k, _SEEN] == 0.0 or others[k, _X] <= 0.0 or _apart(asides[k] - here, others[k, _VY]) > CLEAR:
                 continue
             theirs = ratios[k] * plan_at(plans, row, P_SPEED, s + others[k, _X])
             headway = 0.5 * HEADWAY + SPACING / speed

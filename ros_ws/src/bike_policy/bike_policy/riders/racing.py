@@ -45,7 +45,7 @@ from bike_policy.planning.lap_plan import (
     references_of,
 )
 from bike_policy.planning.plan_verification import Rollouts, verified_margin, verified_plan
-from bike_policy.planning.racecraft import guard, move_targets
+from bike_policy.planning.racecraft import guard_targets
 from bike_policy.planning.ride_observer import RideObserver
 from bike_policy.riders.rider import LearnedRider
 from bike_sim.course.course import Course
@@ -122,7 +122,7 @@ class RaceInterface:
         if "guide" in layout.terms and not action.guided:
             raise ValueError(f"layout {layout.name!r} shows the guide's commands, and there is no guide")
         self._layout, self._action, self._max_steer = layout, action, vehicle.max_steer
-        self._period, self._offset_step = period, period * action.columns[0].rate
+        self._period, self._offset_rate = period, action.columns[0].rate
         self._offsets = np.zeros(count)
         adaptive = "grip" in layout.terms
         self._planned = references_of(vehicle, adaptive)
@@ -188,7 +188,7 @@ class RaceInterface:
         memory, state = self.memory, rows.state[row]
         memory.rolls[row], memory.steers[row], memory.actions[row] = state[ROLL], state[STEER], 0.0
         self._reflex.begin(row)
-        if self._offset_step and self._guide is not None:  # it goes to its line from where it is
+        if self._offset_rate and self._guide is not None:  # it goes to its line from where it is
             self._offsets[row] = self._guide.law.memory[row, ll.OFFSET] = rows.look[row, LATERAL_ERROR]
 
     def observe(self, rows: VehicleRows) -> NDArray[np.float32]:
@@ -221,7 +221,7 @@ class RaceInterface:
             commands = self._action.to_commands(actions, self._max_steer, rows.look[:, SPEED])
             return self._reflex.commands(seen, commands)
         targets = self._action.to_targets(actions)
-        if self._offset_step:
+        if self._offset_rate:
             self._move(rows, targets, self._guide.law)
         # What the targets change is the speed that is asked.
         targets[:, 1] = self.references.share * (1.0 + targets[:, 1]) - 1.0
@@ -230,17 +230,15 @@ class RaceInterface:
     def _move(self, rows: VehicleRows, targets: FloatArray, law: ll.LineLaw) -> None:
         """Move to the targets at their rate, not into who is beside, nor ride into who is ahead."""
         seen, points = np.nan_to_num(ll.seen_of(rows.state, rows.look)), np.ascontiguousarray(rows.points[:, LINE])
-        move_targets(seen, targets[:, 0].copy(), self._offset_step, self._period, law.plans, self._offsets)
-        targets[:, 0] = self._offsets
-        if self._layout.sees_others:
-            guard(seen, points, np.ascontiguousarray(rows.opponents), law.plans, targets)
+        others = np.ascontiguousarray(rows.opponents)
+        guard_targets(seen, points, others, law.plans, self._offset_rate, self._period, self._offsets, targets)
         ll.slower_inside(seen, targets, law.plans)
 
     def state_dict(self) -> dict[str, Any]:
         """Return the memory, as arrays."""
         law = {"observer": self.observer.state_dict()} if self._guide is None else self._guide.state_dict()
         inferred = {} if self._grip is None else {"inferred": self._grip.state_dict()}
-        own = {"offsets": self._offsets.copy()} if self._offset_step else {}
+        own = {"offsets": self._offsets.copy()} if self._offset_rate else {}
         own |= {"reflex": self._reflex.state_dict()}
         return {name: getattr(self.memory, name).copy() for name in _STORED} | own | law | inferred
 
@@ -248,7 +246,7 @@ class RaceInterface:
         """Continue from what :meth:`state_dict` returned, after each row has begun again."""
         for name in _STORED:
             getattr(self.memory, name)[...] = stored[name]
-        if self._offset_step:
+        if self._offset_rate:
             self._offsets[...] = stored["offsets"]
         if self._guide is None:
             self.observer.restore(stored["observer"])
