@@ -237,9 +237,9 @@ class RaceInterface:
     def state_dict(self) -> dict[str, Any]:
         """Return the memory, as arrays."""
         law = {"observer": self.observer.state_dict()} if self._guide is None else self._guide.state_dict()
-        inferred = {} if self._grip is None else {"inferred": self._grip.state_dict()}
+        inferred = {"reflex": self._reflex.state_dict()}
+        inferred |= {} if self._grip is None else {"inferred": self._grip.state_dict()}
         own = {"offsets": self._offsets.copy()} if self._offset_rate else {}
-        own |= {"reflex": self._reflex.state_dict()}
         return {name: getattr(self.memory, name).copy() for name in _STORED} | own | law | inferred
 
     def restore(self, stored: Mapping[str, Any]) -> None:
