@@ -58,7 +58,8 @@ from bike_sim.vehicles.superbike import Superbike
 FloatArray = NDArray[np.float64]
 
 PASSING_ROOM: Final = 0.03
-"""What who sees others may ask for beyond the planned speed in corners and on the brake, as a part of it."""
+"""What who sees others may ask for beyond the speed of a plan that is not verified, in corners and on the brake, as a
+part of it."""
 UPRIGHT: Final = 3.0
 """Lateral acceleration up to which drive alone limits the speed, m/s^2."""
 DRIVE_SPEEDS: Final = (20.0, 40.0, 60.0, 80.0)
@@ -131,8 +132,9 @@ class RaceInterface:
         self._guide = None
         if action.guided and layout.sees_others:  # it rides the plans of the classical riders that it meets
             base = plan or (lambda line: verified_plan(vehicle, line, CLASSICAL_SETTINGS, period))
+            room = 0.0 if plan is None else PASSING_ROOM  # plans that are verified leave none
             self._guide = AdaptiveLaw(
-                vehicle, period, CLASSICAL_SETTINGS, count, lambda line: with_passing_room(base(line))
+                vehicle, period, CLASSICAL_SETTINGS, count, lambda line: with_passing_room(base(line), room)
             )
         elif action.guided:
             self._guide = AdaptiveLaw(vehicle, period, GUIDE, count, plan)
@@ -264,11 +266,11 @@ class RaceInterface:
         self.memory.grip[:] = np.stack(shown, axis=1)
 
 
-def with_passing_room(plan: LinePlan) -> LinePlan:
-    """Return a plan that bounds what targets may add to its speed but where drive alone limits it."""
+def with_passing_room(plan: LinePlan, room: float) -> LinePlan:
+    """Return a plan that bounds what targets may add to its speed, as a part of it, but where drive alone limits it."""
     profile = plan.profile
     driving = (np.abs(profile.lateral) < UPRIGHT) & (profile.longitudinal > 0.0)
-    return plan.with_room_above(np.where(driving, UNLIMITED, PASSING_ROOM)[:-1])
+    return plan.with_room_above(np.where(driving, UNLIMITED, room)[:-1])
 
 
 _STORED: Final = ("rolls", "steers", "actions")
