@@ -8,11 +8,15 @@ import pytest
 
 from bike_policy.contract.bundle import load_bundle, shipped_policies
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
+from bike_policy.riders.wheel_to_wheel import CLASSICAL, RaceField, unverified_plan
 from bike_sim.sim.disturbances import load_disturbances
+from bike_sim.sim.race import Entry, Race, RaceSettings
 from bike_training.rollout.races import ride_races
 
 RACERS = [name for name in shipped_policies() if load_bundle(name).layout.races]
-GUIDED = ("racer", "generalist")
+AMONG_OTHERS = "overtaker"
+"""The one that sees others."""
+GUIDED = ("racer", "generalist", AMONG_OTHERS)
 """Those that lead a guide; they learned on random circuits alone."""
 DIRECT = "spdl_barcelona"
 """The one that gives lean and throttle itself, as published; it learned in Barcelona."""
@@ -52,6 +56,24 @@ def test_without_a_guide_it_laps_in_worlds_that_nobody_told_it_of(kidney: Path) 
     result = ride_races(bundle, "r1", str(kidney), starts=3, laps=2, disturbances=load_disturbances("road_090"))
     assert result["whole"] == result["rides"] == 3
     assert result["times_s"][0] <= result["later_s"] < 0.99 * result["slowest_s"]
+
+
+@pytest.mark.slow
+def test_among_equals_it_gains_places_and_touches_nobody(kidney: Path) -> None:
+    """From the back of a grid of four, on a circuit that it did not learn on, up to the end of the race."""
+    assert load_bundle(AMONG_OTHERS).layout.sees_others
+    riders = [CLASSICAL] * 3 + [AMONG_OTHERS]
+    race = Race(RaceSettings(str(kidney), 1, tuple(Entry(f"bike_{k}", "r1", name) for k, name in enumerate(riders))))
+    field = RaceField(riders, race.batch.vehicles, race.batch.config.control_period, unverified_plan)
+    for row in range(race.count):
+        field.begin(row, race.batch, race.batch.course(row))
+    while not race.over:
+        race.step(field.commands(race.batch, race.step_number))
+    results = race.classification()
+    assert {result.end for result in results} == {"finished"}
+    last = next(result for result in results if result.name == "bike_3")
+    assert (last.grid, last.contacts) == (4, 0)
+    assert last.position < 4
 
 
 @pytest.mark.parametrize("name", RACERS)
