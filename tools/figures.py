@@ -305,10 +305,10 @@ def race_back(name: str) -> str:
         texts = [f"{gained.mean():.2f} ({gained.mean() - half:.2f} to {gained.mean() + half:.2f})"]
         falls = sum(race["end"] not in ("finished", "running") for race in races)
         sums = [sum(int(race[key]) for race in races) for key in ("contacts", "avoidable")]
-        for total in (*sums, falls, sum(int(race["others_out"]) for race in races)):
+        for total in (*sums, falls):
             texts.append("{:.2f} ({:.2f} to {:.2f})".format(*_rate(total, len(races))))
         rows.append([f"`{rider}`", str(len(races)), *texts])
-    names = ("last on the grid", "races", "places gained", "contacts", "avoidable", "own falls", "others out")
+    names = ("last on the grid", "races", "places gained", "contacts", "avoidable", "own falls")
     return markdown([names, *rows]) + origin(DATA / f"{name}.csv")
 
 
