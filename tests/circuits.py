@@ -1,8 +1,9 @@
-"""Circuits that tests of several folders ride."""
+"""Circuits that tests of several folders ride, and how they ride races."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,9 @@ import numpy as np
 
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, RiderSettings, plan_line
 from bike_policy.planning.line_law import LineLaw
+from bike_policy.riders.wheel_to_wheel import MachinePlanner, RaceField
 from bike_sim.course.course import Course
+from bike_sim.sim.race import Race
 from bike_sim.vehicles.superbike import Superbike
 
 OVAL = """
@@ -103,3 +106,18 @@ class LineController:
         """Return steering and throttle for the law's inputs; the roll rate may be left out."""
         steering, throttle = self.law.commands(np.array([[*seen, 0.0][:6]]))[0].tolist()
         return steering, throttle
+
+
+def ridden(race: Race, planner: MachinePlanner, shares: Sequence[float] = ()) -> list[np.ndarray]:
+    """Ride a race by the riders of its entries, who may ride a part of their speed; return its commands."""
+    riders = [entry.rider for entry in race.settings.entries]
+    field = RaceField(riders, race.batch.vehicles, race.batch.config.control_period, planner)
+    for row in range(race.count):
+        field.begin(row, race.batch, race.batch.course(row))
+    for row, share in enumerate(shares):
+        field.set_share(row, share)
+    commands = []
+    while not race.over:
+        commands.append(field.commands(race.batch, race.step_number))
+        race.step(commands[-1])
+    return commands

@@ -8,10 +8,11 @@ import pytest
 
 from bike_policy.contract.bundle import load_bundle, shipped_policies
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
-from bike_policy.riders.wheel_to_wheel import CLASSICAL, RaceField, unverified_plan
+from bike_policy.riders.wheel_to_wheel import CLASSICAL, unverified_plan
 from bike_sim.sim.disturbances import load_disturbances
 from bike_sim.sim.race import Entry, Race, RaceSettings
 from bike_training.rollout.races import ride_races
+from tests.circuits import ridden
 
 RACERS = [name for name in shipped_policies() if load_bundle(name).layout.races]
 AMONG_OTHERS = "overtaker"
@@ -70,12 +71,7 @@ def test_among_others_it_gains_a_place_where_the_classical_rider_gains_none(kidn
         riders = [CLASSICAL] * 3 + [name]
         entries = tuple(Entry(f"bike_{k}", "r1", rider) for k, rider in enumerate(riders))
         race = Race(RaceSettings(str(kidney), 1, entries))
-        field = RaceField(riders, race.batch.vehicles, race.batch.config.control_period, unverified_plan)
-        for row in range(race.count):
-            field.begin(row, race.batch, race.batch.course(row))
-            field.set_share(row, 1.0 if row == 3 else 0.95)
-        while not race.over:
-            race.step(field.commands(race.batch, race.step_number))
+        ridden(race, unverified_plan, shares=(0.95, 0.95, 0.95))
         results = race.classification()
         assert {(result.end, result.contacts) for result in results} == {("finished", 0)}
         gained += [result.grid - result.position for result in results if result.name == "bike_3"]

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, plan_line
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, plan_line
 from bike_policy.riders.wheel_to_wheel import RaceField
+from bike_sim.course.course import Course
 from bike_sim.sim.race import FELL, FINISHED, PASSED, Entry, Race, RaceSettings
 from bike_sim.sim.stewards import ALONGSIDE, LONG_LAP, Stewards, at_fault
 from bike_sim.vehicles.superbike import Superbike
-from tests.circuits import OVAL
+from tests.circuits import OVAL, ridden
 
 
 @pytest.fixture(scope="module")
@@ -29,25 +30,15 @@ def settings(course: str, *riders: str, laps: int = 1) -> RaceSettings:
     return RaceSettings(course, laps, entries, line=0.0)
 
 
-def ridden(race: Race) -> list[np.ndarray]:
-    """Ride a race with plans that were not verified; return its commands."""
-    riders = [entry.rider for entry in race.settings.entries]
-    field = RaceField(
-        riders, race.batch.vehicles, 0.02, lambda machine, line: plan_line(machine, line, CLASSICAL_SETTINGS)
-    )
-    for row in range(race.count):
-        field.begin(row, race.batch, race.batch.course(row))
-    commands = []
-    while not race.over:
-        commands.append(field.commands(race.batch, race.step_number))
-        race.step(commands[-1])
-    return commands
+def planner(machine: Superbike, line: Course) -> LinePlan:
+    """Plan a lap that is not verified."""
+    return plan_line(machine, line, CLASSICAL_SETTINGS)
 
 
 @pytest.fixture(scope="module")
 def race(oval: str) -> tuple[Race, list[np.ndarray]]:
     race = Race(settings(oval, "classical", "classical", "classical", laps=2))
-    return race, ridden(race)
+    return race, ridden(race, planner)
 
 
 def test_race_runs_from_the_grid_to_the_flag(race: tuple[Race, list[np.ndarray]]) -> None:
