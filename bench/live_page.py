@@ -203,7 +203,7 @@ def measure(rounds: int = 12, with_page: bool = True) -> dict[str, float]:
     return figures
 
 
-def run_simulator() -> None:
+def main() -> None:
     """Run the simulator node with more frequent diagnostics, for short windows."""
     sim_node.REPORT_PERIOD = REPORT_PERIOD  # type: ignore[misc]
     sim_node.HOUSEKEEPING_PERIOD = 0.5 * REPORT_PERIOD  # type: ignore[misc]
@@ -211,4 +211,4 @@ def run_simulator() -> None:
 
 
 if __name__ == "__main__":
-    run_simulator()
+    main()

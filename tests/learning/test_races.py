@@ -14,7 +14,6 @@ from bike_training.cli import main
 from bike_training.commands.evaluate import _pairs
 from bike_training.rollout.races import SLOW, ride_races
 from bike_training.tasks.race import RaceTask
-from tests.circuits import OVAL
 
 
 def bundle(throttle: float) -> Bundle:
@@ -25,26 +24,24 @@ def bundle(throttle: float) -> Bundle:
     return Bundle("straight", actor, task.layout, task.action, "panigale_v4r", 0.02)
 
 
-def test_rides_that_leave_the_track_are_not_whole() -> None:
-    result = ride_races(bundle(0.3), "panigale_v4r", "barcelona", starts=4)
+def test_rides_that_leave_the_track_are_not_whole(oval: str) -> None:
+    result = ride_races(bundle(0.3), "panigale_v4r", oval, starts=4)
     assert (result["rides"], result["whole"], result["times_s"], result["best_s"]) == (4, 0, [], None)
     assert result["falls"] + result["walls"] >= 3
     assert [ride["start"] for ride in result["lost"]] == [0, 1, 2, 3]
     for ride in result["lost"]:
         assert (ride["arc_length_m"] is None) == (ride["cause"] == SLOW)
-        assert ride["arc_length_m"] is None or 0.0 <= ride["arc_length_m"] < 4657.0
+        assert ride["arc_length_m"] is None or 0.0 <= ride["arc_length_m"] < 1200.0
     assert sum(ride["cause"] == "wall" for ride in result["lost"]) == result["walls"]
     assert (result["finished"], result["off_track_s"]) == (0, 0.0)  # no lap whose time off the track could count
     assert 0.02 <= result["outside_s"] < 4 * 60.0
-    assert 60.0 < result["theory_s"] < 110.0
+    assert 25.0 < result["theory_s"] < 35.0
 
 
 def test_an_actor_that_answers_nothing_rides_as_its_guide_and_as_the_classical_rider(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    oval: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    circuit = tmp_path / "oval.yaml"
-    circuit.write_text(OVAL)
-    words = ["evaluate", "classical", "--vehicle", "panigale_v4r", "--course", str(circuit), "--starts", "1"]
+    words = ["evaluate", "classical", "--vehicle", "panigale_v4r", "--course", oval, "--starts", "1"]
     assert main([*words, "--out", str(tmp_path)]) == 0
     (race,) = json.loads((tmp_path / "races.json").read_text())["races"]
     assert (race["rides"], race["whole"], race["falls"]) == (1, 1, 0)
@@ -52,7 +49,7 @@ def test_an_actor_that_answers_nothing_rides_as_its_guide_and_as_the_classical_r
     task = RaceTask(observation="guided", guided=True)
     actor = Actor([np.zeros((2, GUIDED.size), dtype=np.float32)], [np.zeros(2, dtype=np.float32)])
     policy = Bundle("nothing", actor, task.layout, task.action, "panigale_v4r", 0.02)
-    result = ride_races(policy, "panigale_v4r", str(circuit), starts=1)
+    result = ride_races(policy, "panigale_v4r", oval, starts=1)
     names = ("whole", "falls", "finished", "off_track_s", "outside_s", "lost")
     assert [result[name] for name in names] == [1, 0, 1, 0.0, 0.0, []]
     assert result["best_s"] == pytest.approx(race["best_s"], rel=0.02)

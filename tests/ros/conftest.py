@@ -6,11 +6,13 @@ import importlib
 import json
 import os
 import signal
+import subprocess
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -29,8 +31,9 @@ from bike_sim.ros.command_gate import Command
 from bike_sim.ros.isolation import DISCOVERY_VARIABLE, PROFILES_VARIABLE, DomainLease
 from bike_sim.ros.messages import encode_command, reset_to_message
 from bike_sim.sim.request import ResetRequest
+from bike_training.envs import node_process
 from tests.circuits import write_oval
-from tests.ros.forked import Forked, load
+from tests.ros.forked import Forked, Popen, load
 
 PATIENCE = 90.0
 """Longest wait for anything, s. Nothing takes that long; it is what a busy machine may need."""
@@ -283,6 +286,15 @@ class RosFixture:
 def compiled() -> None:
     """Compiles the physics where nobody waits."""
     load()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def forked_nodes() -> Iterator[None]:
+    """Forks the nodes that programs start."""
+    with pytest.MonkeyPatch.context() as patch:
+        own = SimpleNamespace(Popen=Popen, DEVNULL=subprocess.DEVNULL, TimeoutExpired=subprocess.TimeoutExpired)
+        patch.setattr(node_process, "subprocess", own)
+        yield
 
 
 @pytest.fixture

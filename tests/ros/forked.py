@@ -1,17 +1,23 @@
 """Programs forked from a process that has loaded what they need: their starts take most of the time of these tests.
 
-That they start from nothing is tested with `bike ride`, `ros2 run` and the launch files.
+That they start from nothing is tested with laps of a superbike, `bike train`, `ros2 run` and the launch files.
 """
 
 from __future__ import annotations
 
+import functools
 import importlib
 import multiprocessing
 import os
 import signal
+import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import IO, Any
+
+from bike_sim.ros.isolation import PARENT_VARIABLE
 
 _CONTEXT = multiprocessing.get_context("forkserver")
 _CONTEXT.set_forkserver_preload(["tests.ros.loaded"])
@@ -46,6 +52,37 @@ class Forked:
         self.send_signal(signal.SIGKILL)
 
 
+class Popen:
+    """The part of `subprocess.Popen` that `NodeProcess` uses: ``python -m MODULE ...``, and a file for its words."""
+
+    def __init__(self, command: Sequence[str], *, env: Mapping[str, str], stderr: IO[bytes], **_: Any) -> None:
+        """Start the module."""
+        _, _, module, *words = command
+        # By its number, since the file has no name. The node's parent is the process that forks.
+        output = Path(f"/proc/{os.getpid()}/fd/{stderr.fileno()}")
+        self._forked = Forked(module, words, {**env, PARENT_VARIABLE: str(_forking())}, output)
+        self.pid = self._forked.pid
+
+    @property
+    def returncode(self) -> int | None:
+        return self._forked.poll()
+
+    def poll(self) -> int | None:
+        return self._forked.poll()
+
+    def wait(self, timeout: float | None = None) -> int:
+        try:
+            return self._forked.wait(timeout)
+        except TimeoutError as error:
+            raise subprocess.TimeoutExpired(str(self.pid), timeout or 0.0) from error
+
+    def terminate(self) -> None:
+        self._forked.send_signal(signal.SIGTERM)
+
+    def kill(self) -> None:
+        self._forked.kill()
+
+
 def _run(module: str, words: list[str], environment: dict[str, str], folder: str, output: str) -> None:
     with Path(output).open("w") as file:
         for descriptor in (1, 2):
@@ -60,6 +97,19 @@ def _run(module: str, words: list[str], environment: dict[str, str], folder: str
 
 def load() -> None:
     """Wait until programs can be forked."""
-    process = _CONTEXT.Process(target=int)
+    _forking()
+
+
+@functools.cache
+def _forking() -> int:
+    """Return the number of the process that forks, which has loaded all."""
+    ours, theirs = _CONTEXT.Pipe()
+    process = _CONTEXT.Process(target=_tell_parent, args=(theirs,))
     process.start()
+    number: int = ours.recv()
     process.join()
+    return number
+
+
+def _tell_parent(pipe: Connection) -> None:
+    pipe.send(os.getppid())

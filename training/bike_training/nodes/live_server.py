@@ -27,6 +27,8 @@ MAX_REQUEST: Final = 1000
 """Largest message of a page, bytes."""
 MAX_UNSENT: Final = 100_000
 """Bytes that wait for a slow page, beyond which it misses states; events, laps and status are kept."""
+OPEN_TIMEOUT: Final = 1.0
+"""Longest wait for the request of a connection, s: browsers open some in advance, and the end waits for them, too."""
 MOST_PAGES: Final = 8
 """Pages that are open at the same time."""
 
@@ -117,6 +119,7 @@ class LiveServer:
     async def _serve(self) -> None:
         self._stopped = asyncio.Event()
         settings: dict[str, Any] = {"process_request": self._answer, "max_size": MAX_REQUEST, "max_queue": 16}
+        settings["open_timeout"] = OPEN_TIMEOUT
         try:
             server = await serve(self._talk, HOST, self._wanted_port, compression=None, **settings)
         except OSError as error:
