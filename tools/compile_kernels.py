@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Fills Numba's cache: rides each vehicle and engine for one step, plans a lap, looks a lap's limits up.
+"""Fills Numba's cache: rides each kind of vehicle and engine, plans a lap, races, looks a lap's limits up.
 
 Numba compiles a function when it is first called with arguments of a type, and keeps the result beside the source,
 where nodes and commands find it. Without this, the first ride would compile while nodes wait for each other.
@@ -19,11 +19,13 @@ import numpy as np
 from bike_analysis.read.container import Container
 from bike_policy.riders.disturbed import DisturbedRider
 from bike_policy.riders.rider import make_rider
+from bike_policy.riders.wheel_to_wheel import RaceField, unverified_plan
 from bike_sim.planning.envelope import envelope
 from bike_sim.recording.mcap_file import McapFile
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig, superbike_config
 from bike_sim.sim.disturbances import load_disturbances
+from bike_sim.sim.race import Race, RaceSettings, entries_of
 from bike_sim.sim.request import COURSE_POINTS, Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_superbike
@@ -32,6 +34,7 @@ from bike_sim.vehicles.superbike import Superbike
 CIRCUIT = "barcelona"
 """The circuit of ``make lap``, whose line is computed and kept on the way."""
 MACHINE = "panigale_v4r"
+SUSPENDED = "gsxr1000"
 
 
 def ride(config: SimulatorConfig, course: str, rider_name: str) -> None:
@@ -57,6 +60,18 @@ def ride_side_by_side(config: SimulatorConfig, course: str, preview: Preview) ->
         batch.reset(index, ResetRequest(course=course, seed=index))
     batch.step(np.zeros((2, 2)))
     batch.close()
+
+
+def race() -> None:
+    """Race two machines for two steps."""
+    machines = Race(RaceSettings(CIRCUIT, 1, entries_of([MACHINE, MACHINE], "classical"), line=0.0))
+    riders = [entry.rider for entry in machines.settings.entries]
+    field = RaceField(riders, machines.batch.vehicles, machines.batch.config.control_period, unverified_plan)
+    for row in range(machines.count):
+        field.begin(row, machines.batch, machines.batch.course(row))
+    for step in range(2):
+        machines.step(field.commands(machines.batch, step))
+    machines.close()
 
 
 def evaluate_laps() -> None:
@@ -90,6 +105,10 @@ def main() -> None:
     print("compiling: superbike", flush=True)
     ride(superbike, CIRCUIT, "classical")
     ride_side_by_side(replace(superbike, engine="compiled"), CIRCUIT, COURSE_POINTS)
+    print("compiling: race", flush=True)
+    race()
+    print("compiling: suspended superbike", flush=True)
+    ride_side_by_side(replace(superbike_config(SUSPENDED), engine="compiled"), "line", COURSE_POINTS)
     print("compiling: reports and recordings", flush=True)
     evaluate_laps()
     write_and_read()

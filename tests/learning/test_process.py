@@ -73,7 +73,7 @@ def test_learning_learns(tmp_path):
     changes = {"learner.learning_starts": 1000, "learner.layers": [32, 32], "learner.updates": 16}
     changes |= {"learner.learning_rate": 1.5e-3, "learner.final_learning_rate": 1.5e-3}
     settings = RunSettings(load_preset("fast").changed(changes), seed=1, record_every=0)
-    process = LearningProcess(settings, tmp_path, 5000)
+    process = LearningProcess(settings, tmp_path, 4400)
     lengths: list[float] = []
 
     def note(p: LearningProcess) -> None:

@@ -300,11 +300,9 @@ def test_the_error_of_a_validation_is_time_over_the_planned_lap():
 
 
 @pytest.mark.parametrize("task", [TASK, GUIDED_TASK], ids=["alone", "guided"])
-def test_one_ride_is_shown_and_judged_as_in_a_batch(task):
+def test_one_ride_is_shown_and_judged_as_in_a_batch(task, oval):
     """A simulator of its own and a compiled batch give the same observations and rewards, bit for bit."""
-    requests = [
-        ResetRequest(course="barcelona", speed_range=(v, v), progress=p) for v, p in ((30.0, 0.0), (25.0, 900.0))
-    ]
+    requests = [ResetRequest(course=oval, speed_range=(v, v), progress=p) for v, p in ((30.0, 0.0), (25.0, 900.0))]
     batch = Batch(2, COMPILED, task.preview)
     simulator = Simulator(COMPILED)
     together = task.make_state(2, batch.vehicle)

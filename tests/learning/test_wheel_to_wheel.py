@@ -33,8 +33,8 @@ def env(oval: str) -> RaceParallelEnv:
 
 def test_pettingzoo_checks_pass(env: RaceParallelEnv) -> None:
     """Its own tests of the interface and of seeds."""
-    parallel_api_test(env, num_cycles=60)
-    parallel_seed_test(lambda: RaceParallelEnv(env.rides.race.settings, max_steps=15), num_cycles=5)
+    parallel_api_test(env, num_cycles=20)
+    parallel_seed_test(lambda: RaceParallelEnv(env.rides.race.settings, max_steps=8), num_cycles=3)
 
 
 def test_agents_see_each_other_from_their_places(env: RaceParallelEnv) -> None:

@@ -1,6 +1,6 @@
 """Programs forked from a process that has loaded what they need: their starts take most of the time of these tests.
 
-That they start from nothing is tested with laps of a superbike, `bike train`, `ros2 run` and the launch files.
+That they start from nothing is tested with `bike train`, `ros2 run`, and by the packages' own tests.
 """
 
 from __future__ import annotations

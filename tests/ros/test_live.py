@@ -221,7 +221,7 @@ def browser(tmp_path: Path) -> Iterator[webdriver.Chrome]:
     options.add_argument(f"--user-data-dir={tmp_path / 'profile'}")
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     chrome = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
-    chrome.set_window_size(1000, 800)
+    chrome.set_window_size(800, 600)
     yield chrome
     chrome.quit()
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
 from importlib.resources import files
@@ -34,7 +33,6 @@ from bike_sim.sim.config import superbike_config
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.vehicles.files import load_superbike
-from bike_training.envs import node_process
 from bike_training.nodes.node_rides import ride_through_nodes
 from bike_training.replay import read_rides
 from tests.circuits import write_oval
@@ -176,8 +174,7 @@ def test_a_changed_parameter_does_not_load_the_circuit_again(superbike: tuple[St
 
 
 @pytest.mark.slow
-def test_laps_through_the_nodes_are_recorded_and_timed_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(node_process, "subprocess", subprocess)  # each node starts from nothing
+def test_laps_through_the_nodes_are_recorded_and_timed_alike(tmp_path: Path) -> None:
     circuit = write_oval(tmp_path, 0.45)
     machine = load_superbike("panigale_v4r")
     limits = envelope(machine)

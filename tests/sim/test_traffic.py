@@ -212,11 +212,11 @@ def test_races_of_one_batch_do_not_meet() -> None:
         Batch(3, CONFIG, together=(0, 1))
 
 
-def test_rows_that_cannot_meet_are_refused() -> None:
+def test_rows_that_cannot_meet_are_refused(oval: str) -> None:
     """Rows on different courses, or in a batch that was not made for it, get one clear error."""
     with pytest.raises(ValueError, match="one circuit"):
         placed([(0.0, 0.0, 0.0, 30.0)], together=False).meet()
     batch = placed([(0.0, 0.0, 0.0, 30.0), (20.0, 0.0, 0.0, 30.0)])
-    batch.reset(0, ResetRequest(course="cremona", line=0.0, speed_range=(20.0, 20.0)))
+    batch.reset(0, ResetRequest(course=oval, line=0.0, speed_range=(20.0, 20.0)))
     with pytest.raises(ValueError, match="one circuit"):
         batch.meet()
