@@ -92,7 +92,7 @@ def test_progress_is_one_speed_in_a_terminal_and_few_lines_in_a_log(capfd, monke
 @pytest.mark.parametrize(
     "words",
     [["ride", "--rider", "classical", "--laps", "1", "--engine", "compiled"],
-     ["train", "whipple", "--steps", "40", "--out", "run"]],
+     ["train", "whipple", "--set", "learner=sb3", "--steps", "40", "--out", "run"]],
 )  # fmt: skip
 def test_the_first_line_comes_before_the_work(words, tmp_path):
     """Through a pipe."""

@@ -43,8 +43,8 @@ def preset(oval: str) -> Preset:
 @pytest.fixture(scope="module", autouse=True)
 def short() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(imitation, "DURATION", 4.0)
-        patch.setattr(imitation, "UPDATES", 150)
+        patch.setattr(imitation, "DURATION", 2.0)
+        patch.setattr(imitation, "UPDATES", 60)
         yield
 
 
