@@ -178,7 +178,7 @@ PACED = SpdlSettings(spread=0.1, failure_share=0.5, threshold=1.0, kl=1.0, itera
 def paced(circuits: Circuits) -> tuple[SpdlCurriculum, int]:
     """Return the curriculum of an agent that is always good, close to the target, and its step."""
     curriculum, rng, preview, step = SpdlCurriculum(circuits, PACED), np.random.default_rng(0), RaceTask().preview, 0
-    while not curriculum.steps or curriculum.steps[-1][-2] > 1e-3:
+    while not curriculum.contexts.steps or curriculum.contexts.steps[-1][-2] > 1e-3:
         step += 10
         assert step < 3000
         episodes = curriculum.episodes(step)
@@ -200,7 +200,8 @@ def test_spdl_leads_a_good_agent_to_the_ideal_line_and_survives_a_checkpoint(
     for name, sign in (("d_median", 1.0), ("d_ideal", -1.0), ("v_max", 1.0)):
         begun, now = (np.mean([getattr(context, name) for context in drawn]) for drawn in (first, last))
         assert sign * now > sign * begun
-    assert [entry[-2] for entry in curriculum.steps] == sorted((entry[-2] for entry in curriculum.steps), reverse=True)
+    apart = [entry[-2] for entry in curriculum.contexts.steps]
+    assert apart == sorted(apart, reverse=True)
     other.restore(curriculum.state_dict())
     draws = [each.episodes(step).draw(np.random.default_rng(5), preview) for each in (curriculum, other)]
     assert draws[0] == draws[1]
@@ -227,8 +228,8 @@ def test_both_arms_of_the_comparison_draw_the_same_episodes_at_the_target(
         SpdlCurriculum(circuits, TargetSettings(spread=0.1, failure_share=0.5)),
     )
     reached.restore(paced[0].state_dict())
-    reached.distribution = reached.target  # the last bits of the way
-    reached._history.append(reached.distribution)
+    reached.contexts.distribution = reached.contexts.target  # the last bits of the way
+    reached.contexts._history.append(reached.contexts.distribution)
     reached.failures = alone.failures
     for seed in range(200):
         drawn = [
@@ -244,14 +245,14 @@ def test_a_fixed_schedule_ends_at_the_target_whatever_the_returns(circuits: Circ
     curriculum = SpdlCurriculum(circuits, ScheduleSettings(iteration=10, schedule=100))
     for step in range(10, 130, 10):
         curriculum.episodes(step)
-    apart = [entry[-2] for entry in curriculum.steps]
+    apart = [entry[-2] for entry in curriculum.contexts.steps]
     assert apart == sorted(apart, reverse=True)
     assert apart[-1] == pytest.approx(0.0, abs=1e-9)
-    assert curriculum.steps[4][3] == pytest.approx((0.5 * np.add(FIRST_MEAN, TARGET_MEAN)).tolist())
+    assert curriculum.contexts.steps[4][3] == pytest.approx((0.5 * np.add(FIRST_MEAN, TARGET_MEAN)).tolist())
     jumping = SpdlCurriculum(circuits, ScheduleSettings(iteration=10, schedule=100, stages=2))
     for step in range(10, 130, 10):
         jumping.episodes(step)
-    jumps = [entry[-2] for entry in jumping.steps]
+    jumps = [entry[-2] for entry in jumping.contexts.steps]
     assert jumps == pytest.approx([jumps[0]] * 4 + [apart[4]] * 5 + [0.0] * 3, abs=1e-9)
     assert jumps[0] > apart[0]
 
@@ -265,7 +266,7 @@ def test_an_update_looks_at_the_episodes_since_the_one_before(circuits: Circuits
         for _ in range(90):
             curriculum.ended(ended(episodes.draw(rng, preview), total=total))
         curriculum.episodes(step)
-    assert [entry[-1] for entry in curriculum.steps] == pytest.approx([0.0, 2.0])
+    assert [entry[-1] for entry in curriculum.contexts.steps] == pytest.approx([0.0, 2.0])
 
 
 def test_densities_are_those_of_contexts_drawn_within_their_limits() -> None:

@@ -11,8 +11,9 @@ import pytest
 from bike_sim.sim.race import grid_offset
 from bike_sim.sim.request import COURSE_POINTS
 from bike_sim.vehicles.files import load_vehicle
+from bike_training.curricula.base import EndedEpisode
 from bike_training.curricula.race import CircuitSet
-from bike_training.curricula.rivals import RivalsCurriculum, RivalsSettings
+from bike_training.curricula.rivals import RivalsCurriculum, RivalsSettings, SpdlRivalsSettings
 from bike_training.envs.race_vec_env import RaceVecEnv
 from bike_training.learning.presets import load_preset
 from bike_training.learning.process import LearningProcess, make_environment
@@ -29,7 +30,12 @@ SMALL = {
 @pytest.fixture(scope="module")
 def settings(oval: str) -> RunSettings:
     return settings_of(
-        {"preset": "race_wheel_to_wheel", "vehicle": "panigale_v4r", "set": {**SMALL, "curriculum.circuits": oval}}, 0
+        {
+            "preset": "race_wheel_to_wheel",
+            "vehicle": "panigale_v4r",
+            "set": {**SMALL, "curriculum.circuits": oval, "curriculum.riders": "classical,overtaker"},
+        },
+        0,
     )
 
 
@@ -63,6 +69,30 @@ def test_rivals_grow_stronger_and_machines_begin_close_behind_each_other(oval: s
         assert (np.diff(along, axis=1) < 60.0).all()
     assert lowest[0] < lowest[1] < lowest[2] == 1.0
     assert not curriculum.may_validate(10**9)
+
+
+@pytest.mark.parametrize(("total", "reached"), [(2.0, True), (0.0, False)])
+def test_spdl_leads_those_who_gain_to_full_strength_and_nobody_else(oval: str, total: float, reached: bool) -> None:
+    """All rivals of a race ride the same part, learners theirs; a checkpoint goes on with the same races."""
+    settings = SpdlRivalsSettings(circuits=(oval,), threshold=1.0, kl=1.0, iteration=10, strengths=(0.8,))
+    curriculum, other = (settings.make([load_vehicle("panigale_v4r")]) for _ in range(2))
+    rng, first, last = np.random.default_rng(0), [], []
+    for step in range(0, 400, 10):
+        last = []
+        for _ in range(20):
+            race = curriculum.episodes(step).draw_race(rng, COURSE_POINTS, 0)
+            shares = [RaceContext(*request.context).share for request in race]
+            assert shares[: settings.learners] == [1.0] * settings.learners
+            assert len({*shares[settings.learners :]}) == 1
+            last.append(shares[-1])
+            curriculum.ended(EndedEpisode(race[0], total, 10, False, 0.0))
+        first = first or last
+    assert np.mean(first) < 0.9
+    assert (np.mean(last) > 0.98) == reached
+    other.restore(curriculum.state_dict())
+    races = [each.draw_race(np.random.default_rng(1), COURSE_POINTS, 0) for each in (curriculum, other)]
+    assert races[0] == races[1]
+    assert other.figures() == curriculum.figures()
 
 
 def test_a_start_from_the_grid_is_that_of_a_race(oval: str) -> None:
@@ -118,6 +148,7 @@ def test_the_ordinary_run_learns(settings: RunSettings, tmp_path: Path) -> None:
         ({"task.observation": "guided"}, "cannot see others"),
         ({"curriculum.rivals": "11", "curriculum.learners": "2"}, "2 to 12"),
         ({"curriculum.strengths": "[0.1]"}, "strengths"),
+        ({"curriculum.riders": "classical,"}, "riders"),
         ({"task.offset_rate": "-1"}, "offset_rate"),
     ],
 )

@@ -1,27 +1,36 @@
 """Episodes among others: machines close behind each other somewhere on a circuit, or on its grid, rivals ever stronger.
 
-The rivals are classical riders that ride a part of their speed; at the end all of it, as fast as the learner's guide.
+The rivals are classical riders that ride a part of their speed, at the end all of it, as fast as the learner's guide;
+or policies that race, which may be the learner's earlier selves. Their strength grows in stages, or self-paced by the
+returns (`spdl.py`): then all rivals of a race ride the same part.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
 from bike_sim.sim.race import GRID_SHARE, GRID_SPACING, GRID_SPEED, grid_offset
 from bike_sim.sim.request import IDEAL, Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
+from bike_training.curricula.base import EndedEpisode
 from bike_training.curricula.race import CircuitSet, RaceCurriculum, RaceCurriculumSettings
-from bike_training.settings import AT_LEAST_1, check_number
+from bike_training.curricula.spdl import Gaussian, PacedContexts
+from bike_training.settings import AT_LEAST_1, POSITIVE, check_number
 from bike_training.tasks.race import RaceContext
 
 START_SHARE: Final = 0.88
 """Part of the theoretical speed at its place that a start on the way has: about that of the riders there."""
 GAPS: Final = (0.3, 0.7)
 """Times between machines at such a start, s."""
+FIRST: Final = Gaussian.with_std([0.15], [0.15])
+TARGET: Final = Gaussian.with_std([1.0], [0.04])
+LEAST_STD: Final = (0.04,)
+"""Distribution of the scaled strength at the beginning and at the end, where SPDL paces it."""
 BESIDE: Final = 1.0
 """Largest distance of such a start from the followed line, m."""
 
@@ -32,12 +41,13 @@ class RivalsSettings(RaceCurriculumSettings):
 
     Attributes:
         curriculum: ``rivals``.
-        rivals: classical riders in each race.
+        rivals: in each race.
         learners: in each race; rivals and learners make 2 to 12 machines.
         strengths: least part of their speed that rivals ride, stage by stage; each draws between it and all.
         stage: learning steps of each stage but the last.
         grid: part of the races that begin on the grid, at the start line; the others begin anywhere.
         front: part of the races in which learners begin on any place; in the others each begins behind a rival.
+        riders: of the rivals, which take them in turn: `classical`, or policies that race, which ride all they can.
     """
 
     limits: ClassVar = {
@@ -54,6 +64,7 @@ class RivalsSettings(RaceCurriculumSettings):
     stage: int = 30_000
     grid: float = 0.3
     front: float = 0.3
+    riders: tuple[str, ...] = ("classical",)
 
     def __post_init__(self) -> None:
         """Refuse values that mean nothing."""
@@ -61,6 +72,8 @@ class RivalsSettings(RaceCurriculumSettings):
         check_number("curriculum.rivals+learners", self.machines, 2, 12)
         for strength in self.strengths or (0.0,):
             check_number("curriculum.strengths", strength, 0.5, 1.2)
+        if not self.riders or not all(name.strip() for name in self.riders):
+            raise ValueError(f"setting curriculum.riders={list(self.riders)} must name riders, as classical")
 
     @property
     def machines(self) -> int:
@@ -72,10 +85,42 @@ class RivalsSettings(RaceCurriculumSettings):
         return RivalsCurriculum(CircuitSet(vehicles, self.circuits), self)
 
 
+@dataclass(frozen=True, kw_only=True)
+class SpdlRivalsSettings(RivalsSettings):
+    """Settings of rivals whose strength SPDL paces, from the first of `strengths` to all of their speed.
+
+    Attributes:
+        curriculum: ``spdl_rivals``.
+        iteration: learning steps between two updates.
+        threshold: expected return of an episode that must be kept (delta).
+        kl: largest divergence of an update, nat (epsilon).
+    """
+
+    limits: ClassVar = {
+        **RivalsSettings.limits,
+        "iteration": AT_LEAST_1,
+        "threshold": (-math.inf, math.inf),
+        "kl": POSITIVE,
+    }
+
+    curriculum: str = "spdl_rivals"
+    iteration: int = 3000
+    threshold: float = 0.0
+    kl: float = 0.05
+
+    def __post_init__(self) -> None:
+        """Refuse a range of strengths that is none."""
+        super().__post_init__()
+        check_number("curriculum.strengths", self.strengths[0] if self.strengths else 1.0, 0.5, 0.99)
+
+
 class RivalsCurriculum(RaceCurriculum):
     """Races of learners among classical riders, in stages of their strength.
 
     It knows no validation: how well races are ridden is seen in races.
+
+    Attributes:
+        contexts: strength of the rivals, 0 the first one of the settings and 1 all of their speed; None in stages.
     """
 
     settings: RivalsSettings
@@ -83,13 +128,20 @@ class RivalsCurriculum(RaceCurriculum):
     def __init__(self, circuits: CircuitSet, settings: RivalsSettings | None = None) -> None:
         """Begin with the weakest rivals."""
         super().__init__(circuits, settings or RivalsSettings())
+        paced = isinstance(self.settings, SpdlRivalsSettings)
+        self.contexts = PacedContexts(FIRST, TARGET, LEAST_STD) if paced else None
 
     def may_validate(self, step: int) -> bool:
         """Return that no validation is ridden."""
         return False
 
     def episodes(self, step: int) -> RivalsCurriculum:
-        """Return itself, in the stage of a learning step."""
+        """Return itself, in the stage of a learning step or after the update of an iteration that has ended."""
+        settings = self.settings
+        if isinstance(settings, SpdlRivalsSettings) and self.contexts is not None:
+            if self.contexts.due(step, settings.iteration):
+                self.contexts.pace(step, settings.threshold, settings.kl)
+            return self
         self.part = min(1 + step // self.settings.stage, len(self.settings.strengths))
         return self
 
@@ -109,17 +161,45 @@ class RivalsCurriculum(RaceCurriculum):
         settings, circuits = self.settings, self.circuits
         names = circuits.dealt(race) if settings.dealt else circuits.names
         name = names[int(rng.integers(len(names)))]
-        shares = [*[1.0] * settings.learners, *(self.strength(rng) for _ in range(settings.rivals))]
+        number = 0.0
+        if self.contexts is None:
+            strengths = [self.strength(rng) for _ in range(settings.rivals)]
+        else:
+            (scaled,), number = self.contexts.draw(rng)
+            strengths = [1.0 + (float(scaled) - 1.0) * (1.0 - settings.strengths[0])] * settings.rivals
+        shares = [*[1.0] * settings.learners, *strengths]
         order = sorted(range(settings.machines), key=lambda row: (row % settings.learners, row < settings.learners))
         if rng.random() < settings.front:
             order = rng.permutation(settings.machines).tolist()
         starts = self._grid(name, race) if rng.random() < settings.grid else self._on_the_way(name, race, rng)
         requests: dict[int, ResetRequest] = {}
         for row, start in zip(order, starts, strict=True):
-            context = tuple(RaceContext(share=shares[row]))
+            context = tuple(RaceContext(share=shares[row], number=number, rivals=strengths[0]))
             seed = int(rng.integers(2**31))
             requests[row] = replace(start, seed=seed, preview=preview, context=context)
         return [requests[row] for row in range(settings.machines)]
+
+    def ended(self, episode: EndedEpisode) -> None:
+        """Keep the return of a learner's episode."""
+        super().ended(episode)
+        context = RaceContext.of(episode.request)
+        if self.contexts is not None and context is not None:
+            scaled = 1.0 - (1.0 - context.rivals) / (1.0 - self.settings.strengths[0])
+            self.contexts.ended(np.array([scaled]), context.number, episode.total)
+
+    def figures(self) -> dict[str, float]:
+        """Return where the distribution of the strength is."""
+        return {**super().figures(), **({} if self.contexts is None else self.contexts.figures(("strength",)))}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return where it stands."""
+        return {**super().state_dict(), **({} if self.contexts is None else self.contexts.state_dict())}
+
+    def restore(self, stored: dict[str, Any]) -> None:
+        """Continue."""
+        super().restore(stored)
+        if self.contexts is not None:
+            self.contexts.restore(stored)
 
     def _grid(self, name: str, race: int) -> list[ResetRequest]:
         """Return the places of a grid, the first one first."""

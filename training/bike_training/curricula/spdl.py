@@ -231,7 +231,7 @@ def log_mass_inside(distribution: Gaussian) -> float:
 
     Contexts are drawn within, so their density is the Gaussian's divided by this.
     """
-    drawn = distribution.mean + _NORMAL_DRAWS @ distribution.factor.T
+    drawn = distribution.mean + _NORMAL_DRAWS[:, : len(distribution.mean)] @ distribution.factor.T
     inside = int(np.count_nonzero(np.all((drawn >= 0.0) & (drawn <= 1.0), axis=1)))
     return math.log(max(inside, 1) / len(drawn))
 
@@ -299,8 +299,8 @@ class SpdlSettings(TargetSettings):
     kl: float = 0.05
 
 
-class SpdlCurriculum(RaceCurriculum):
-    """SPDL with one threshold, or a baseline of it.
+class PacedContexts:
+    """Distribution of scaled contexts that moves to its target, and the episodes since its last update.
 
     Attributes:
         distribution: of the scaled context.
@@ -309,99 +309,77 @@ class SpdlCurriculum(RaceCurriculum):
             number of the scaled context, divergence to the target (nat), and expected return before.
     """
 
-    settings: TargetSettings
-
-    def __init__(self, circuits: CircuitSet, settings: TargetSettings | None = None) -> None:
-        """Begin near the median at low speed, or with the target."""
-        settings = settings or SpdlSettings()
-        super().__init__(circuits, settings)
-        self.target = Gaussian.with_std(TARGET_MEAN, TARGET_STD)
+    def __init__(self, first: Gaussian, target: Gaussian, least_std: Sequence[float]) -> None:
+        """Begin with a distribution; `least_std` is that of each number while the target is far."""
+        self.distribution, self.target, self._least_std = first, target, np.array(least_std)
         self.steps: list[list[Any]] = []
-        begins_easy = isinstance(settings, SpdlSettings | ScheduleSettings)
-        self.distribution = FIRST if begins_easy else self.target
         self._seen: deque[tuple[FloatArray, float, float]] = deque(maxlen=MAX_EPISODES)
         self._reached = False
         self._updated = 0
-        self._history = [self.distribution]
+        self._history = [first]
 
-    def context(self, rng: np.random.Generator) -> RaceContext:
-        """Draw a context; what lies outside of [0, 1] is drawn anew, so that the density stays that of the Gaussian."""
+    def draw(self, rng: np.random.Generator) -> tuple[FloatArray, float]:
+        """Return a scaled context and the number of the distribution that it was drawn from.
+
+        What lies outside of [0, 1] is drawn anew, so that the density stays that of the Gaussian.
+        """
         for _ in range(100):
             drawn = self.distribution.draw(rng)
             if np.all((drawn >= -1e-9) & (drawn <= 1.0)):
                 break
-        inside = np.clip(drawn, 0.0, 1.0)
-        v_max = SLOWEST + float(inside[2]) * (FASTEST - SLOWEST)
-        share = super().context(rng).share
-        return RaceContext(float(inside[0]), float(inside[1]), v_max, share, float(len(self._history) - 1))
+        return np.clip(drawn, 0.0, 1.0), float(len(self._history) - 1)
 
-    def line(self, context: RaceContext) -> float:
-        """Return the line of Eq. (3)."""
-        return line_of(context.d_median, context.d_ideal, context.v_max)
+    def ended(self, scaled: FloatArray, number: float, total: float) -> None:
+        """Keep the return of an episode with the density that its context was drawn with."""
+        drawn_from = self._history[int(number)]
+        density = float(drawn_from.log_density(scaled[None])[0]) - log_mass_inside(drawn_from)
+        self._seen.append((scaled, density, total))
 
-    def episodes(self, step: int) -> RaceCurriculum:
-        """Return itself, after the update of an iteration that has ended."""
-        if step - self._updated >= self.settings.iteration:
-            self._updated = step
-            self._update(step)
-        return self
+    def due(self, step: int, iteration: int) -> bool:
+        """Return whether an iteration has ended, and begin the next one."""
+        if step - self._updated < iteration:
+            return False
+        self._updated = step
+        return True
 
-    def _update(self, step: int) -> None:
-        settings, stage = self.settings, WAITS
-        value = float(np.mean([seen[2] for seen in self._seen])) if self._seen else float("nan")
-        found: Gaussian | None = None
-        if isinstance(settings, ScheduleSettings):
-            part = step / settings.schedule
-            part = math.floor(part * settings.stages) / settings.stages if settings.stages else part
-            found, stage = scheduled(self.target, part), HARDER
-        elif isinstance(settings, SpdlSettings) and len(self._seen) >= LEAST_EPISODES:
-            contexts, sampled, values = (np.array(part) for part in zip(*self._seen, strict=True))
-            limits = settings.threshold, self._reached, settings.kl, np.array(LEAST_STD)
-            found, stage, _, value = self_paced(self.distribution, self.target, (contexts, sampled, values), *limits)
-            self._reached |= stage == HARDER
+    def pace(self, step: int, threshold: float, kl: float) -> None:
+        """Move as the returns allow; see `self_paced`."""
+        if len(self._seen) < LEAST_EPISODES:
+            self.move(step, None)
+            return
+        contexts, sampled, values = (np.array(part) for part in zip(*self._seen, strict=True))
+        limits = threshold, self._reached, kl, self._least_std
+        found, stage, _, value = self_paced(self.distribution, self.target, (contexts, sampled, values), *limits)
+        self._reached |= stage == HARDER
+        self.move(step, found, stage, value)
+
+    def move(self, step: int, found: Gaussian | None, stage: str = WAITS, value: float | None = None) -> None:
+        """Go on with another distribution, or none, and note a row of the log."""
+        if value is None:
+            value = float(np.mean([seen[2] for seen in self._seen])) if self._seen else float("nan")
         if found is not None:
             self.distribution = found
             self._history.append(found)
             self._seen.clear()
         now = self.distribution
-        self.steps.append(
-            [
-                len(self.steps) + 1,
-                step,
-                stage,
-                now.mean.tolist(),
-                now.std.tolist(),
-                divergence(now, self.target),
-                value,
-            ]
-        )
+        apart = divergence(now, self.target)
+        self.steps.append([len(self.steps) + 1, step, stage, now.mean.tolist(), now.std.tolist(), apart, value])
 
-    def ended(self, episode: EndedEpisode) -> None:
-        """Keep the return of an episode with the density that its context was drawn with."""
-        super().ended(episode)
-        context = RaceContext.of(episode.request)
-        if context is None:
-            return
-        scaled = np.array([context.d_median, context.d_ideal, (context.v_max - SLOWEST) / (FASTEST - SLOWEST)])
-        drawn_from = self._history[int(context.number)]
-        density = float(drawn_from.log_density(scaled[None])[0]) - log_mass_inside(drawn_from)
-        self._seen.append((scaled, density, episode.total))
-
-    def figures(self) -> dict[str, float]:
+    def figures(self, names: Sequence[str]) -> dict[str, float]:
         """Return mean and standard deviation of the scaled context, its divergence to the target, and the value."""
         if not self.steps:
-            return super().figures()
+            return {}
         *_, mean, std, kl, value = self.steps[-1]
-        means = {f"mean_{name}": number for name, number in zip(NAMES, mean, strict=True)}
-        stds = {f"std_{name}": number for name, number in zip(NAMES, std, strict=True)}
-        return {**super().figures(), **means, **stds, "kl_to_target": kl, "value": value}
+        means = {f"mean_{name}": number for name, number in zip(names, mean, strict=True)}
+        stds = {f"std_{name}": number for name, number in zip(names, std, strict=True)}
+        return {**means, **stds, "kl_to_target": kl, "value": value}
 
     def state_dict(self) -> dict[str, Any]:
         """Return where it stands."""
+        size = len(self.target.mean)
         return {
-            **super().state_dict(),
             "distributions": np.array([each.to_flat() for each in self._history]),
-            "seen": np.array([[*context, sampled, value] for context, sampled, value in self._seen]).reshape(-1, 5),
+            "seen": np.array([[*each, sampled, value] for each, sampled, value in self._seen]).reshape(-1, size + 2),
             "reached": self._reached,
             "updated": self._updated,
             "steps": list(self.steps),
@@ -409,9 +387,74 @@ class SpdlCurriculum(RaceCurriculum):
 
     def restore(self, stored: dict[str, Any]) -> None:
         """Continue."""
-        super().restore(stored)
         self._history = [Gaussian.from_flat(flat) for flat in stored["distributions"]]
         self.distribution = self._history[-1]
         self._seen.clear()
-        self._seen.extend((row[:3].copy(), float(row[3]), float(row[4])) for row in stored["seen"])
+        self._seen.extend((row[:-2].copy(), float(row[-2]), float(row[-1])) for row in stored["seen"])
         self._reached, self._updated, self.steps = stored["reached"], stored["updated"], list(stored["steps"])
+
+
+class SpdlCurriculum(RaceCurriculum):
+    """SPDL with one threshold, or a baseline of it.
+
+    Attributes:
+        contexts: d_median, d_ideal and v_max, scaled.
+    """
+
+    settings: TargetSettings
+
+    def __init__(self, circuits: CircuitSet, settings: TargetSettings | None = None) -> None:
+        """Begin near the median at low speed, or with the target."""
+        settings = settings or SpdlSettings()
+        super().__init__(circuits, settings)
+        target = Gaussian.with_std(TARGET_MEAN, TARGET_STD)
+        begins_easy = isinstance(settings, SpdlSettings | ScheduleSettings)
+        self.contexts = PacedContexts(FIRST if begins_easy else target, target, LEAST_STD)
+
+    def context(self, rng: np.random.Generator) -> RaceContext:
+        """Draw a context."""
+        (d_median, d_ideal, fast), number = self.contexts.draw(rng)
+        share = super().context(rng).share
+        v_max = SLOWEST + float(fast) * (FASTEST - SLOWEST)
+        return RaceContext(float(d_median), float(d_ideal), v_max, share, number)
+
+    def line(self, context: RaceContext) -> float:
+        """Return the line of Eq. (3)."""
+        return line_of(context.d_median, context.d_ideal, context.v_max)
+
+    def episodes(self, step: int) -> RaceCurriculum:
+        """Return itself, after the update of an iteration that has ended."""
+        settings, contexts = self.settings, self.contexts
+        if not contexts.due(step, settings.iteration):
+            return self
+        if isinstance(settings, ScheduleSettings):
+            part = step / settings.schedule
+            part = math.floor(part * settings.stages) / settings.stages if settings.stages else part
+            contexts.move(step, scheduled(contexts.target, part), HARDER)
+        elif isinstance(settings, SpdlSettings):
+            contexts.pace(step, settings.threshold, settings.kl)
+        else:
+            contexts.move(step, None)
+        return self
+
+    def ended(self, episode: EndedEpisode) -> None:
+        """Keep the return of an episode."""
+        super().ended(episode)
+        context = RaceContext.of(episode.request)
+        if context is not None:
+            fast = (context.v_max - SLOWEST) / (FASTEST - SLOWEST)
+            scaled = np.array([context.d_median, context.d_ideal, fast])
+            self.contexts.ended(scaled, context.number, episode.total)
+
+    def figures(self) -> dict[str, float]:
+        """Return where the distribution is."""
+        return {**super().figures(), **self.contexts.figures(NAMES)}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return where it stands."""
+        return {**super().state_dict(), **self.contexts.state_dict()}
+
+    def restore(self, stored: dict[str, Any]) -> None:
+        """Continue."""
+        super().restore(stored)
+        self.contexts.restore(stored)

@@ -1,4 +1,4 @@
-"""Races side by side as a vector environment: learners among classical riders, all machines in one batch."""
+"""Races side by side as a vector environment: learners among rivals, all machines in one batch."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.observation import Rows
-from bike_policy.riders.wheel_to_wheel import CLASSICAL, RaceField, unverified_plan
+from bike_policy.riders.wheel_to_wheel import RaceField, unverified_plan
 from bike_sim.sim import look as lk
 from bike_sim.sim import traffic as tr
 from bike_sim.sim.batch import Batch
@@ -152,7 +152,7 @@ class LearnersState:
 
 
 class RaceVecEnv(BatchVecEnv):
-    """Episodes of learners in races with classical riders; see `bike_training.curricula.rivals`.
+    """Episodes of learners in races with rivals; see `bike_training.curricula.rivals`.
 
     All learners of a race begin and end together: where one fails, the others' episodes are truncated.
     """
@@ -179,7 +179,10 @@ class RaceVecEnv(BatchVecEnv):
         self.batch = Batch(len(groups), config, self.task.preview, vehicles=vehicles, together=groups)
         self.rides = LearnersState(self.task, self.batch, self._learners, self._size)
         self.rows = self.rides.rows
-        riders = (["" for _ in range(self._learners)] + [CLASSICAL] * settings.rivals) * self.starts
+        riders: list[str] = []
+        for race in range(self.starts):
+            rivals = [settings.riders[(race + k) % len(settings.riders)] for k in range(settings.rivals)]
+            riders += ["" for _ in range(self._learners)] + rivals
         self._field = RaceField(riders, vehicles, period, unverified_plan)
         self._step = 0
 
@@ -205,7 +208,7 @@ class RaceVecEnv(BatchVecEnv):
             self._requests[env], self.steps[env], self.returns[env] = requests[k], 0, 0.0
 
     def _commands(self) -> FloatArray:
-        """Return those of classical riders, and between them those of learners."""
+        """Return those of rivals, and between them those of learners."""
         commands = self._field.commands(self.batch, self._step)
         self.rides.commands(self.batch, commands)
         self._step += 1

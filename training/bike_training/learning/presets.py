@@ -15,7 +15,7 @@ from bike_sim.documents import DocumentError, alternatives, check_name, parse_ya
 from bike_training.curricula.base import CurriculumSettings
 from bike_training.curricula.parts import PartsSettings
 from bike_training.curricula.race import RaceCurriculumSettings
-from bike_training.curricula.rivals import RivalsSettings
+from bike_training.curricula.rivals import RivalsSettings, SpdlRivalsSettings
 from bike_training.curricula.spdl import ScheduleSettings, SpdlSettings, TargetSettings
 from bike_training.settings import (
     AT_LEAST_0,
@@ -203,6 +203,7 @@ KINDS: Final[Mapping[str, Mapping[str, type[Any]]]] = {
         "target": TargetSettings,
         "schedule": ScheduleSettings,
         "rivals": RivalsSettings,
+        "spdl_rivals": SpdlRivalsSettings,
     },
     "learner": {**dict.fromkeys(SAC_LEARNERS, SacSettings), "gradients": GradientSettings},
 }

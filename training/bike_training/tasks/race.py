@@ -230,6 +230,7 @@ class RaceContext(NamedTuple):
         v_max: speed limit, m/s; OPEN for none.
         share: part of the planned speed that is asked.
         number: of the distribution that it was drawn from.
+        rivals: part of their speed that the others of a race ride.
     """
 
     d_median: float = 1.0
@@ -237,6 +238,7 @@ class RaceContext(NamedTuple):
     v_max: float = OPEN
     share: float = 1.0
     number: float = 0.0
+    rivals: float = 1.0
 
     @classmethod
     def of(cls, request: ResetRequest) -> RaceContext | None:
