@@ -124,7 +124,10 @@ def test_options_apply_to_the_subject_or_are_refused_by_name(command, subject, f
         (["ride", "--engine", "pybulet"], "did you mean pybullet? See bike ride --help"),
         (["ride", "--course", "junctoin"], "did you mean junction? There are benchmark, circle, "),
         (["ride", "--vehicle", "pangale_v4r"], "did you mean panigale_v4r? There are cbr1000rr_r, "),
-        (["live", "--rider", "raser"], "did you mean racer? There are adaptive, generalist, overtaker, "),
+        (
+            ["live", "--rider", "raser"],
+            "did you mean racer? There are adaptive, generalist, overtaker, racer, spdl_barcelona, ",
+        ),
         (["evaluate", "stanly"], "did you mean stanley? There are adaptive, generalist, "),
         (["ride", "--disturbances", "widn"], "did you mean wind? There are "),
         (["bench", "phisics"], "unknown part 'phisics'; did you mean physics? There are "),

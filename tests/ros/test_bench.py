@@ -17,7 +17,7 @@ SHORT: dict[str, dict[str, Any]] = {
     "environment": {"scale": 0.02},
     "ros": {"rounds": 3, "steps": 10},
     "recorder": {"rates": (500,), "duration": 0.5},
-    "analysis": {"duration": 3.0},
+    "analysis": {"duration": 4.0},
     "live": {"rounds": 1},
 }
 FEW = {"ROUNDS": 1, "PUBLISHERS": 1, "FIRST_REPORTS": 5, "REPORTS": 4, "PAGE_SIZE": (600, 400)}
@@ -42,4 +42,4 @@ def test_each_part_measures(part: str, compiled: None, oval: str, monkeypatch: p
     assert numbers
     assert all(math.isfinite(value) and value >= 0.0 for value in numbers.values()), numbers
     if part == "analysis":
-        assert figures["hour_messages"] > 1500.0
+        assert figures["hour_messages"] > 2000.0
