@@ -110,10 +110,7 @@ class LineController:
 
 def ridden(race: Race, planner: MachinePlanner, shares: Sequence[float] = ()) -> list[np.ndarray]:
     """Ride a race by the riders of its entries, who may ride a part of their speed; return its commands."""
-    riders = [entry.rider for entry in race.settings.entries]
-    field = RaceField(riders, race.batch.vehicles, race.batch.config.control_period, planner)
-    for row in range(race.count):
-        field.begin(row, race.batch, race.batch.course(row))
+    field = RaceField.of(race, planner)
     for row, share in enumerate(shares):
         field.set_share(row, share)
     commands = []

@@ -65,10 +65,7 @@ def ride_side_by_side(config: SimulatorConfig, course: str, preview: Preview) ->
 def race() -> None:
     """Race two machines for two steps."""
     machines = Race(RaceSettings(CIRCUIT, 1, entries_of([MACHINE, MACHINE], "classical"), line=0.0))
-    riders = [entry.rider for entry in machines.settings.entries]
-    field = RaceField(riders, machines.batch.vehicles, machines.batch.config.control_period, unverified_plan)
-    for row in range(machines.count):
-        field.begin(row, machines.batch, machines.batch.course(row))
+    field = RaceField.of(machines, unverified_plan)
     for step in range(2):
         machines.step(field.commands(machines.batch, step))
     machines.close()

@@ -80,10 +80,7 @@ def _mix(before: Any, after: Any, part: float, mixed: Any) -> None:
 def ridden(race: Race) -> Iterator[NDArray[np.float64]]:
     """Ride a race to its end by the riders of its entries; yield the commands after each step."""
     batch = race.batch
-    riders = [entry.rider for entry in race.settings.entries]
-    field = RaceField(riders, batch.vehicles, batch.config.control_period, unverified_plan)
-    for row in range(race.count):
-        field.begin(row, batch, batch.course(row))
+    field = RaceField.of(race, unverified_plan)
     while not race.over:
         commands = field.commands(batch, race.step_number)
         race.step(commands)

@@ -57,11 +57,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         report = told_parts("bike race", args.json)
         recording, race = out / "race.mcap", Race(settings, report)
         try:
-            riders = [entry.rider for entry in settings.entries]
-            field = RaceField(riders, race.batch.vehicles, race.batch.config.control_period)
-            for row, entry in enumerate(settings.entries):
-                report(f"plan of {entry.name}")
-                field.begin(row, race.batch, race.batch.course(row))
+            field = RaceField.of(race, report=report)
             total = round(race.theory * (settings.laps + 0.1))
             with (
                 RaceRecorder(recording, race, overwrite=True) as recorder,

@@ -17,6 +17,7 @@ from bike_policy.planning.racecraft import Racecraft
 from bike_policy.riders.racing import PolicyBatch
 from bike_policy.riders.rider import RIDERS, SOLO, blind_words
 from bike_sim.course.course import Course
+from bike_sim.sim.race import Race
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 
@@ -103,6 +104,27 @@ class RaceField:
             (np.array(rows), _rider(known[key], vehicles[rows[0]], period, len(rows), plan))
             for (key, _), rows in parts.items()
         ]
+
+    @classmethod
+    def of(
+        cls, race: Race, plan: MachinePlanner | None = None, report: Callable[[str], None] = lambda step: None
+    ) -> RaceField:
+        """Prepare the riders of a race's entries, and begin their rides from its grid.
+
+        Args:
+            race: that has begun.
+            plan: plans laps, as at the beginning of this class.
+            report: told whose plan is made.
+
+        Raises:
+            ValueError, FileNotFoundError: as at the beginning of this class.
+        """
+        entries, batch = race.settings.entries, race.batch
+        field = cls([entry.rider for entry in entries], batch.vehicles, batch.config.control_period, plan)
+        for row, entry in enumerate(entries):
+            report(f"plan of {entry.name}")
+            field.begin(row, batch, batch.course(row))
+        return field
 
     def set_share(self, row: int, share: float) -> None:
         """Let a classical rider among others ride a part of its speed from now on."""
