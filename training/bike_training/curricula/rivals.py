@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from bike_sim.sim.request import IDEAL, Preview, ResetRequest
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_training.curricula.base import EndedEpisode
 from bike_training.curricula.race import CircuitSet, RaceCurriculum, RaceCurriculumSettings
-from bike_training.curricula.spdl import Gaussian, PacedContexts
+from bike_training.curricula.spdl import Gaussian, PacedContexts, PacedCurriculum
 from bike_training.settings import AT_LEAST_1, POSITIVE, check_number
 from bike_training.tasks.race import RaceContext
 
@@ -85,6 +85,81 @@ class RivalsSettings(RaceCurriculumSettings):
         return RivalsCurriculum(CircuitSet(vehicles, self.circuits), self)
 
 
+class RivalsCurriculum(RaceCurriculum):
+    """Races of learners among classical riders, in stages of their strength.
+
+    It knows no validation: how well races are ridden is seen in races.
+    """
+
+    settings: RivalsSettings
+
+    def __init__(self, circuits: CircuitSet, settings: RivalsSettings | None = None) -> None:
+        """Begin with the weakest rivals."""
+        super().__init__(circuits, settings or RivalsSettings())
+
+    def may_validate(self, step: int) -> bool:
+        """Return that no validation is ridden."""
+        return False
+
+    def episodes(self, step: int) -> RivalsCurriculum:
+        """Return itself, in the stage of a learning step."""
+        self.part = min(1 + step // self.settings.stage, len(self.settings.strengths))
+        return self
+
+    def strength(self, rng: np.random.Generator) -> float:
+        """Draw which part of its speed a rival rides."""
+        least = self.settings.strengths[self.part - 1]
+        return float(rng.uniform(min(least, 1.0), max(least, 1.0)))
+
+    def race_context(self, rng: np.random.Generator) -> tuple[RaceContext, list[float]]:
+        """Draw what a race asks, and which part of its speed each rival rides."""
+        return RaceContext(), [self.strength(rng) for _ in range(self.settings.rivals)]
+
+    def draw_race(self, rng: np.random.Generator, preview: Preview, race: int) -> list[ResetRequest]:
+        """Draw how the machines of a race begin: learners first, then the rivals.
+
+        Args:
+            rng: draws.
+            preview: what the task needs to see of the course.
+            race: number of the race, which decides which machine is ridden and, where they are dealt, the circuits.
+        """
+        settings, circuits = self.settings, self.circuits
+        names = circuits.dealt(race) if settings.dealt else circuits.names
+        name = names[int(rng.integers(len(names)))]
+        context, strengths = self.race_context(rng)
+        shares = [*[1.0] * settings.learners, *strengths]
+        order = sorted(range(settings.machines), key=lambda row: (row % settings.learners, row < settings.learners))
+        if rng.random() < settings.front:
+            order = rng.permutation(settings.machines).tolist()
+        starts = self._grid(name, race) if rng.random() < settings.grid else self._on_the_way(name, race, rng)
+        requests: dict[int, ResetRequest] = {}
+        for row, start in zip(order, starts, strict=True):
+            asked = tuple(context._replace(share=shares[row]))
+            requests[row] = replace(start, seed=int(rng.integers(2**31)), preview=preview, context=asked)
+        return [requests[row] for row in range(settings.machines)]
+
+    def _grid(self, name: str, race: int) -> list[ResetRequest]:
+        """Return the places of a grid, the first one first."""
+        circuits, length = self.circuits, self.circuits.length(name)
+        track = circuits.line(name, IDEAL, race).track
+        places = [length - GRID_SPACING * number for number in range(1, self.settings.machines + 1)]
+        speed = min(GRID_SPEED, *(circuits.start(name, IDEAL, place, GRID_SHARE, race) for place in places))
+        return [
+            _start(name, place, speed, grid_offset(track, place, number, IDEAL))
+            for number, place in enumerate(places, start=1)
+        ]
+
+    def _on_the_way(self, name: str, race: int, rng: np.random.Generator) -> list[ResetRequest]:
+        """Draw a place for each machine, the first one first, each close behind the one before."""
+        circuits, length = self.circuits, self.circuits.length(name)
+        place, starts = float(rng.uniform(min(300.0, 0.5 * length), length)), []
+        for _ in range(self.settings.machines):
+            speed = max(circuits.start(name, IDEAL, place, START_SHARE, race), 5.0)
+            starts.append(_start(name, place, speed, float(rng.uniform(-BESIDE, BESIDE))))
+            place = max(place - float(rng.uniform(*GAPS)) * speed, 0.0)
+        return starts
+
+
 @dataclass(frozen=True, kw_only=True)
 class SpdlRivalsSettings(RivalsSettings):
     """Settings of rivals whose strength SPDL paces, from the first of `strengths` to all of their speed.
@@ -113,114 +188,40 @@ class SpdlRivalsSettings(RivalsSettings):
         super().__post_init__()
         check_number("curriculum.strengths", self.strengths[0] if self.strengths else 1.0, 0.5, 0.99)
 
+    def make(self, vehicles: Sequence[Vehicle]) -> SpdlRivalsCurriculum:
+        """Return the curriculum at its beginning."""
+        return SpdlRivalsCurriculum(CircuitSet(vehicles, self.circuits), self)
 
-class RivalsCurriculum(RaceCurriculum):
-    """Races of learners among classical riders, in stages of their strength.
 
-    It knows no validation: how well races are ridden is seen in races.
+class SpdlRivalsCurriculum(PacedCurriculum, RivalsCurriculum):
+    """Races whose rivals all ride the same part of their speed; the context is 0 at the first of `strengths`."""
 
-    Attributes:
-        contexts: strength of the rivals, 0 the first one of the settings and 1 all of their speed; None in stages.
-    """
+    settings: SpdlRivalsSettings
 
-    settings: RivalsSettings
-
-    def __init__(self, circuits: CircuitSet, settings: RivalsSettings | None = None) -> None:
+    def __init__(self, circuits: CircuitSet, settings: SpdlRivalsSettings | None = None) -> None:
         """Begin with the weakest rivals."""
-        super().__init__(circuits, settings or RivalsSettings())
-        paced = isinstance(self.settings, SpdlRivalsSettings)
-        self.contexts = PacedContexts(FIRST, TARGET, LEAST_STD) if paced else None
+        super().__init__(circuits, settings or SpdlRivalsSettings())
+        self.contexts = PacedContexts(("strength",), FIRST, TARGET, LEAST_STD)
 
-    def may_validate(self, step: int) -> bool:
-        """Return that no validation is ridden."""
-        return False
-
-    def episodes(self, step: int) -> RivalsCurriculum:
-        """Return itself, in the stage of a learning step or after the update of an iteration that has ended."""
-        settings = self.settings
-        if isinstance(settings, SpdlRivalsSettings) and self.contexts is not None:
-            if self.contexts.due(step, settings.iteration):
-                self.contexts.pace(step, settings.threshold, settings.kl)
-            return self
-        self.part = min(1 + step // self.settings.stage, len(self.settings.strengths))
+    def episodes(self, step: int) -> SpdlRivalsCurriculum:
+        """Return itself, after the update of an iteration that has ended."""
+        if self.contexts.due(step, self.settings.iteration):
+            self.contexts.pace(step, self.settings.threshold, self.settings.kl)
         return self
 
-    def strength(self, rng: np.random.Generator) -> float:
-        """Draw which part of its speed a rival rides."""
-        least = self.settings.strengths[self.part - 1]
-        return float(rng.uniform(min(least, 1.0), max(least, 1.0)))
-
-    def draw_race(self, rng: np.random.Generator, preview: Preview, race: int) -> list[ResetRequest]:
-        """Draw how the machines of a race begin: learners first, then the rivals.
-
-        Args:
-            rng: draws.
-            preview: what the task needs to see of the course.
-            race: number of the race, which decides which machine is ridden and, where they are dealt, the circuits.
-        """
-        settings, circuits = self.settings, self.circuits
-        names = circuits.dealt(race) if settings.dealt else circuits.names
-        name = names[int(rng.integers(len(names)))]
-        number = 0.0
-        if self.contexts is None:
-            strengths = [self.strength(rng) for _ in range(settings.rivals)]
-        else:
-            (scaled,), number = self.contexts.draw(rng)
-            strengths = [1.0 + (float(scaled) - 1.0) * (1.0 - settings.strengths[0])] * settings.rivals
-        shares = [*[1.0] * settings.learners, *strengths]
-        order = sorted(range(settings.machines), key=lambda row: (row % settings.learners, row < settings.learners))
-        if rng.random() < settings.front:
-            order = rng.permutation(settings.machines).tolist()
-        starts = self._grid(name, race) if rng.random() < settings.grid else self._on_the_way(name, race, rng)
-        requests: dict[int, ResetRequest] = {}
-        for row, start in zip(order, starts, strict=True):
-            context = tuple(RaceContext(share=shares[row], number=number, rivals=strengths[0]))
-            seed = int(rng.integers(2**31))
-            requests[row] = replace(start, seed=seed, preview=preview, context=context)
-        return [requests[row] for row in range(settings.machines)]
+    def race_context(self, rng: np.random.Generator) -> tuple[RaceContext, list[float]]:
+        """Draw one strength for all rivals."""
+        (scaled,), number = self.contexts.draw(rng)
+        strength = 1.0 + (float(scaled) - 1.0) * (1.0 - self.settings.strengths[0])
+        return RaceContext(number=number, rivals=strength), [strength] * self.settings.rivals
 
     def ended(self, episode: EndedEpisode) -> None:
         """Keep the return of a learner's episode."""
         super().ended(episode)
         context = RaceContext.of(episode.request)
-        if self.contexts is not None and context is not None:
+        if context is not None:
             scaled = 1.0 - (1.0 - context.rivals) / (1.0 - self.settings.strengths[0])
             self.contexts.ended(np.array([scaled]), context.number, episode.total)
-
-    def figures(self) -> dict[str, float]:
-        """Return where the distribution of the strength is."""
-        return {**super().figures(), **({} if self.contexts is None else self.contexts.figures(("strength",)))}
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return where it stands."""
-        return {**super().state_dict(), **({} if self.contexts is None else self.contexts.state_dict())}
-
-    def restore(self, stored: dict[str, Any]) -> None:
-        """Continue."""
-        super().restore(stored)
-        if self.contexts is not None:
-            self.contexts.restore(stored)
-
-    def _grid(self, name: str, race: int) -> list[ResetRequest]:
-        """Return the places of a grid, the first one first."""
-        circuits, length = self.circuits, self.circuits.length(name)
-        track = circuits.line(name, IDEAL, race).track
-        places = [length - GRID_SPACING * number for number in range(1, self.settings.machines + 1)]
-        speed = min(GRID_SPEED, *(circuits.start(name, IDEAL, place, GRID_SHARE, race) for place in places))
-        return [
-            _start(name, place, speed, grid_offset(track, place, number, IDEAL))
-            for number, place in enumerate(places, start=1)
-        ]
-
-    def _on_the_way(self, name: str, race: int, rng: np.random.Generator) -> list[ResetRequest]:
-        """Draw a place for each machine, the first one first, each close behind the one before."""
-        circuits, length = self.circuits, self.circuits.length(name)
-        place, starts = float(rng.uniform(min(300.0, 0.5 * length), length)), []
-        for _ in range(self.settings.machines):
-            speed = max(circuits.start(name, IDEAL, place, START_SHARE, race), 5.0)
-            starts.append(_start(name, place, speed, float(rng.uniform(-BESIDE, BESIDE))))
-            place = max(place - float(rng.uniform(*GAPS)) * speed, 0.0)
-        return starts
 
 
 def _start(name: str, progress: float, speed: float, offset: float) -> ResetRequest:

@@ -309,9 +309,10 @@ class PacedContexts:
             number of the scaled context, divergence to the target (nat), and expected return before.
     """
 
-    def __init__(self, first: Gaussian, target: Gaussian, least_std: Sequence[float]) -> None:
-        """Begin with a distribution; `least_std` is that of each number while the target is far."""
-        self.distribution, self.target, self._least_std = first, target, np.array(least_std)
+    def __init__(self, names: Sequence[str], first: Gaussian, target: Gaussian, least_std: Sequence[float]) -> None:
+        """Begin with a distribution of named numbers; `least_std` is that of each while the target is far."""
+        self.distribution, self.target = first, target
+        self._names, self._least_std = tuple(names), np.array(least_std)
         self.steps: list[list[Any]] = []
         self._seen: deque[tuple[FloatArray, float, float]] = deque(maxlen=MAX_EPISODES)
         self._reached = False
@@ -365,13 +366,13 @@ class PacedContexts:
         apart = divergence(now, self.target)
         self.steps.append([len(self.steps) + 1, step, stage, now.mean.tolist(), now.std.tolist(), apart, value])
 
-    def figures(self, names: Sequence[str]) -> dict[str, float]:
+    def figures(self) -> dict[str, float]:
         """Return mean and standard deviation of the scaled context, its divergence to the target, and the value."""
         if not self.steps:
             return {}
         *_, mean, std, kl, value = self.steps[-1]
-        means = {f"mean_{name}": number for name, number in zip(names, mean, strict=True)}
-        stds = {f"std_{name}": number for name, number in zip(names, std, strict=True)}
+        means = {f"mean_{name}": number for name, number in zip(self._names, mean, strict=True)}
+        stds = {f"std_{name}": number for name, number in zip(self._names, std, strict=True)}
         return {**means, **stds, "kl_to_target": kl, "value": value}
 
     def state_dict(self) -> dict[str, Any]:
@@ -394,12 +395,31 @@ class PacedContexts:
         self._reached, self._updated, self.steps = stored["reached"], stored["updated"], list(stored["steps"])
 
 
-class SpdlCurriculum(RaceCurriculum):
-    """SPDL with one threshold, or a baseline of it.
+class PacedCurriculum(RaceCurriculum):
+    """Episodes whose contexts are paced.
 
     Attributes:
-        contexts: d_median, d_ideal and v_max, scaled.
+        contexts: their distribution.
     """
+
+    contexts: PacedContexts
+
+    def figures(self) -> dict[str, float]:
+        """Return where the distribution is."""
+        return {**super().figures(), **self.contexts.figures()}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return where it stands."""
+        return {**super().state_dict(), **self.contexts.state_dict()}
+
+    def restore(self, stored: dict[str, Any]) -> None:
+        """Continue."""
+        super().restore(stored)
+        self.contexts.restore(stored)
+
+
+class SpdlCurriculum(PacedCurriculum):
+    """SPDL with one threshold, or a baseline of it; the contexts are d_median, d_ideal and v_max, scaled."""
 
     settings: TargetSettings
 
@@ -409,7 +429,7 @@ class SpdlCurriculum(RaceCurriculum):
         super().__init__(circuits, settings)
         target = Gaussian.with_std(TARGET_MEAN, TARGET_STD)
         begins_easy = isinstance(settings, SpdlSettings | ScheduleSettings)
-        self.contexts = PacedContexts(FIRST if begins_easy else target, target, LEAST_STD)
+        self.contexts = PacedContexts(NAMES, FIRST if begins_easy else target, target, LEAST_STD)
 
     def context(self, rng: np.random.Generator) -> RaceContext:
         """Draw a context."""
@@ -445,16 +465,3 @@ class SpdlCurriculum(RaceCurriculum):
             fast = (context.v_max - SLOWEST) / (FASTEST - SLOWEST)
             scaled = np.array([context.d_median, context.d_ideal, fast])
             self.contexts.ended(scaled, context.number, episode.total)
-
-    def figures(self) -> dict[str, float]:
-        """Return where the distribution is."""
-        return {**super().figures(), **self.contexts.figures(NAMES)}
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return where it stands."""
-        return {**super().state_dict(), **self.contexts.state_dict()}
-
-    def restore(self, stored: dict[str, Any]) -> None:
-        """Continue."""
-        super().restore(stored)
-        self.contexts.restore(stored)

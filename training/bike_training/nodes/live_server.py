@@ -118,8 +118,8 @@ class LiveServer:
 
     async def _serve(self) -> None:
         self._stopped = asyncio.Event()
-        settings: dict[str, Any] = {"process_request": self._answer, "max_size": MAX_REQUEST, "max_queue": 16}
-        settings["open_timeout"] = OPEN_TIMEOUT
+        limits = {"max_size": MAX_REQUEST, "max_queue": 16, "open_timeout": OPEN_TIMEOUT}
+        settings: dict[str, Any] = {"process_request": self._answer, **limits}
         try:
             server = await serve(self._talk, HOST, self._wanted_port, compression=None, **settings)
         except OSError as error:

@@ -230,7 +230,7 @@ class RaceContext(NamedTuple):
         v_max: speed limit, m/s; OPEN for none.
         share: part of the planned speed that is asked.
         number: of the distribution that it was drawn from.
-        rivals: part of their speed that the others of a race ride.
+        rivals: part of their speed that the others of a race ride, where they all ride the same.
     """
 
     d_median: float = 1.0
