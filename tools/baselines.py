@@ -1,8 +1,8 @@
-"""Learn baselines of frozen tasks: ``tools/baselines.py --id two_wheeler/Balance-v0 --seeds 10``.
+"""Learn baselines of the frozen tasks: ``tools/baselines.py``, or some of them by its options.
 
-Each seed learns as ``examples/gymnasium_sb3.py`` does. Its results are verified and become a row of
-docs/data/benchmark_baselines.csv at once; a seed that has its row is left out, so that the same call goes on where it
-was stopped.
+Each seed learns as ``examples/gymnasium_sb3.py`` does. Its results are verified and become rows of
+docs/data/benchmark_baselines.csv at once; a seed that has its rows is left out, so that the same call goes on where it
+was stopped. At the end all learning curves are drawn.
 """
 
 from __future__ import annotations
@@ -10,24 +10,47 @@ from __future__ import annotations
 import argparse
 import csv
 import runpy
-import time
 from pathlib import Path
 
+import pandas as pd
 from figures import DATA, ROOT, changed_sources, read_head, read_records
 
+from bike_analysis.sweeps.report import STEP, draw_curves
+from bike_analysis.sweeps.tables import FINISHED
 from bike_training.benchmark.evaluation import RESULTS_FILE, verify_results
+from bike_training.benchmark.tasks import BENCHMARKS
 
 NAME = "benchmark_baselines"
+LEARNERS = "sb3 PPO", "sbx SAC", "sbx TD3"
+VEHICLES = {"PPO": 64, "SAC": 32, "TD3": 32}
+"""Side by side."""
+SCORES = 4
+"""Points of a learning curve."""
+PICTURE = ROOT / "docs" / "images" / "baselines.png"
+
+
+def draw(rows: list[dict[str, str]], picture: Path) -> None:
+    """Draw the error over decisions, a panel for each task: interquartile means with their intervals, and the seeds."""
+    table = pd.DataFrame(rows)
+    curves = pd.DataFrame(
+        {
+            "run": table["task"] + table["learner"] + table["seed"],
+            "group": table["learner"],
+            "quantity": table["task"].str.removeprefix("two_wheeler/") + "_error",
+            "x": table["decisions"].astype(float),
+            "value": table["error"].astype(float),
+        }
+    )
+    runs = curves[["run", "group"]].drop_duplicates().assign(status=FINISHED)
+    draw_curves(runs, curves, list(curves["quantity"].unique()), STEP).savefig(picture, dpi=110)
 
 
 def main() -> None:
-    """Learn what the table lacks."""
+    """Learn what the table lacks, and draw it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--library", choices=["sb3", "sbx"], default="sb3", help="PyTorch or JAX")
-    parser.add_argument("--algorithm", choices=["PPO", "SAC"], default="PPO")
-    parser.add_argument("--id", default="two_wheeler/Balance-v0", help="one of the frozen tasks")
-    parser.add_argument("--count", type=int, default=64, help="vehicles side by side")
-    parser.add_argument("--steps", type=int, default=200000, help="decisions of all vehicles together")
+    parser.add_argument("--id", nargs="+", default=list(BENCHMARKS), help="some of the frozen tasks")
+    parser.add_argument("--learner", nargs="+", default=list(LEARNERS), help="library and algorithm")
+    parser.add_argument("--steps", type=int, default=100_000, help="decisions of all vehicles together")
     parser.add_argument("--seeds", type=int, default=10, help="how many, from 0 on")
     parser.add_argument("--out", type=Path, default=Path("out/baselines"), help="folder of results and recordings")
     args = parser.parse_args()
@@ -35,21 +58,34 @@ def main() -> None:
     if changed := changed_sources(read_head(table)):
         parser.error(f"{table} has rows of other sources ({', '.join(changed)}): empty it, and name the commit anew")
     learn = runpy.run_path(str(ROOT / "examples" / "gymnasium_sb3.py"))["learn"]
-    learner = f"{args.library} {args.algorithm}"
     for seed in range(args.seeds):
-        key = {"task": args.id, "learner": learner, "vehicles": args.count, "decisions": args.steps, "seed": seed}
-        if any(all(row[name] == str(value) for name, value in key.items()) for row in read_records(NAME)):
-            continue
-        out = args.out / args.id.split("/")[1] / learner.replace(" ", "_") / f"{args.steps}_{seed}"
-        began = time.process_time()
-        found = learn(args.library, args.algorithm, args.id, args.count, args.steps, seed, out)
-        spent = time.process_time() - began
-        if faults := verify_results(out / RESULTS_FILE)["faults"]:
-            raise RuntimeError(f"{out}: {faults[0]}")
-        figures = [f"{found['error']:.6f}", found["failed"], f"{found['score']:.6f}", f"{spent:.1f}"]
-        with table.open("a", newline="", encoding="utf-8") as file:
-            csv.writer(file, lineterminator="\n").writerow([*key.values(), *figures])
-        print(f"{args.id}, {learner}, seed {seed}: score {found['score']:.3f}, {found['failed']} failed", flush=True)
+        for task in args.id:
+            for learner in args.learner:
+                if not _known(task, learner, args.steps, seed):
+                    _learn(learn, table, task, learner, args.steps, seed, args.out)
+    draw(read_records(NAME), PICTURE)
+
+
+def _known(task: str, learner: str, steps: int, seed: int) -> bool:
+    """Whether the table has a seed to its end."""
+    key = {"task": task, "learner": learner, "decisions": str(steps), "seed": str(seed)}
+    return any(all(row[name] == value for name, value in key.items()) for row in read_records(NAME))
+
+
+def _learn(learn, table: Path, task: str, learner: str, steps: int, seed: int, folder: Path) -> None:  # type: ignore[no-untyped-def]
+    """Learn a seed and append its rows."""
+    library, algorithm = learner.split()
+    out = folder / task.split("/")[1] / f"{library}_{algorithm}" / f"{steps}_{seed}"
+    points = learn(library, algorithm, task, VEHICLES[algorithm], steps, seed, out, SCORES)
+    if faults := verify_results(out / RESULTS_FILE)["faults"]:
+        raise RuntimeError(f"{out}: {faults[0]}")
+    with table.open("a", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        for each in points:
+            found = f"{each['error']:.6f}", each["failed"], f"{each['score']:.6f}", f"{each['processor_s']:.1f}"
+            writer.writerow((task, learner, VEHICLES[algorithm], each["decisions"], seed, *found))
+    last = points[-1]
+    print(f"{task}, {learner}, seed {seed}: score {last['score']:.3f}, {last['failed']} failed", flush=True)
 
 
 if __name__ == "__main__":
