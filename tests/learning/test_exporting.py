@@ -130,6 +130,13 @@ def test_the_command_writes_both_and_refuses_what_it_cannot(tmp_path: Path, caps
     (header,) = figures["headers"]
     assert f"{header['rounding_max']:.2g} at most" in " ".join(c.read_text().split())
     assert header["cortex_m4_cycles"] > 7 * header["multiply_adds"]
+    assert main(["export", "racer", "--weights", "int8", "--out", str(tmp_path / "coarse"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["figures"] == {"name": "racer", "out": str(tmp_path / "coarse")}
+    coarse, racer = load_bundle(tmp_path / "coarse"), load_bundle("racer")
+    for mine, theirs in zip(coarse.actor.weights, rounded(racer.actor)[2].weights, strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+    assert coarse.layout == racer.layout
+    assert coarse.results == {} != racer.results
     for words, message in (
         (["whipple"], "whipple is a policy already; say what to write"),
         (["whipple", "--c", str(c), "--name", "other"], "--name is for a run"),

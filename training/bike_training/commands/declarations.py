@@ -247,8 +247,9 @@ def _export_subject(args: Namespace) -> str:
     from bike_training.learning.run_settings import GRADIENT_TABLE as TABLE
 
     if (args.run / CARD_FILE).is_file() or (str(args.run) in shipped_policies() and not args.run.exists()):
-        if args.onnx is None and args.c is None:
-            raise ValueError(f"{args.run} is a policy already; say what to write of it: --onnx FILE or --c FILE")
+        if args.onnx is None and args.c is None and args.out is None:
+            written = "--onnx FILE, --c FILE or --out DIR"
+            raise ValueError(f"{args.run} is a policy already; say what to write of it: {written}")
         return POLICY
     return REFINED if (args.run / TABLE).is_file() else RUN
 

@@ -18,7 +18,7 @@ from bike_policy.contract.observation import ObservationLayout
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.arguments import check_positive, read_json
 from bike_training.curricula.parts import SPEED_RANGES
-from bike_training.exporting.c_header import MICROCONTROLLER_HZ, CompiledHeader, compiler, make_header
+from bike_training.exporting.c_header import MICROCONTROLLER_HZ, CompiledHeader, compiler, make_header, rounded
 from bike_training.exporting.observations import observations_of
 from bike_training.exporting.onnx_file import check_onnx, onnx_bytes
 from bike_training.learning.checkpoint import Checkpoint
@@ -108,9 +108,19 @@ def run_refined(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def run_policy(args: argparse.Namespace) -> dict[str, Any]:
-    """Write files of a policy."""
+    """Write files of a policy, and the policy with the weights of its header as a bundle."""
     bundle = load_bundle(args.run)
-    return {"schema": SCHEMA, "ok": True, "figures": {"name": bundle.name, **_write_files(args, bundle)}}
+    figures: dict[str, Any] = {"name": bundle.name}
+    if args.out is not None:
+        written = bundle
+        if args.weights == "int8":  # the card's results are of the other weights
+            training = {**bundle.training, "weights": args.weights}
+            written = replace(bundle, actor=rounded(bundle.actor)[2], training=training, results={})
+        written.save(args.out)
+        figures["out"] = str(args.out)
+        if not args.json:
+            print(f"policy {bundle.name} with {args.weights} weights written to {args.out}")
+    return {"schema": SCHEMA, "ok": True, "figures": {**figures, **_write_files(args, bundle)}}
 
 
 def _write_files(args: argparse.Namespace, bundle: Bundle) -> dict[str, Any]:
