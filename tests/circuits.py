@@ -113,8 +113,4 @@ def ridden(race: Race, planner: MachinePlanner, shares: Sequence[float] = ()) ->
     field = RaceField.of(race, planner)
     for row, share in enumerate(shares):
         field.set_share(row, share)
-    commands = []
-    while not race.over:
-        commands.append(field.commands(race.batch, race.step_number))
-        race.step(commands[-1])
-    return commands
+    return [commands for commands, _ in field.ride(race)]

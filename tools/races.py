@@ -77,16 +77,6 @@ def _mix(before: Any, after: Any, part: float, mixed: Any) -> None:
     mixed.shift_y = before.shift_y + part * (after.shift_y - before.shift_y)
 
 
-def ridden(race: Race) -> Iterator[NDArray[np.float64]]:
-    """Ride a race to its end by the riders of its entries; yield the commands after each step."""
-    batch = race.batch
-    field = RaceField.of(race, unverified_plan)
-    while not race.over:
-        commands = field.commands(batch, race.step_number)
-        race.step(commands)
-        yield commands
-
-
 RACE: Final = (
     "circuit", "machines", "ended", "race_s", "finished", "thrown", "other_falls", "passes", "contacts", "avoidable",
     "lost_j", "least_lost_j", "passed_through", "replay",
@@ -115,7 +105,7 @@ def races(count: int, first: int, rider: str = "classical") -> Iterator[list[obj
         passed_through, least = 0, math.inf
         before, between = traffic.bodies.copy(), np.zeros(2, dtype=tr.BODY)
         commands = []
-        for pair in ridden(race):
+        for pair, _ in RaceField.of(race, unverified_plan).ride(race):
             commands.append(pair)
             touched = np.zeros((race.count, race.count), dtype=np.bool_)
             for incident in batch.incidents[batch.incidents[:, 0] == tr.CONTACT]:
@@ -153,7 +143,7 @@ def back(count: int, first: int, rider: str) -> Iterator[list[object]]:
         machine = MACHINES[number % 5]
         entries = [Entry(f"bike_{k}", machine, "classical" if k < 5 else last) for k in range(6)]
         race = Race(RaceSettings(f"random_circuit:{number}", 1, tuple(entries)))
-        for _ in ridden(race):
+        for _ in RaceField.of(race, unverified_plan).ride(race):
             pass
         results = race.classification()
         found = next(result for result in results if result.name == "bike_5")

@@ -63,9 +63,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                 RaceRecorder(recording, race, overwrite=True) as recorder,
                 progress_bar(f"race on {args.course}", "s", total, quiet=args.json, leave=False) as bar,
             ):
-                while not race.over:
-                    commands = field.commands(race.batch, race.step_number)
-                    recorder.step(commands, race.step(commands))
+                for commands, events in field.ride(race):
+                    recorder.step(commands, events)
                     if race.step_number % 50 == 0:
                         bar.update(round(race.time) - bar.n)
                 recorder.finish()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -17,7 +17,7 @@ from bike_policy.planning.racecraft import Racecraft
 from bike_policy.riders.racing import PolicyBatch
 from bike_policy.riders.rider import RIDERS, SOLO, blind_words
 from bike_sim.course.course import Course
-from bike_sim.sim.race import Race
+from bike_sim.sim.race import Race, RaceEvent
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 
@@ -145,6 +145,12 @@ class RaceField:
         for index, rider in self._parts:
             commands[index] = np.nan_to_num(rider.commands(_some(rows, index), step))
         return commands
+
+    def ride(self, race: Race) -> Iterator[tuple[FloatArray, list[RaceEvent]]]:
+        """Ride a race to its end; yield the commands of each step and what it returned."""
+        while not race.over:
+            commands = self.commands(race.batch, race.step_number)
+            yield commands, race.step(commands)
 
 
 def _some(rows: VehicleRows, index: NDArray[np.intp]) -> Rows:
