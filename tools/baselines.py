@@ -9,14 +9,19 @@ from __future__ import annotations
 
 import argparse
 import csv
+import itertools
 import runpy
+from collections import defaultdict
 from pathlib import Path
 
-import pandas as pd
+import matplotlib as mpl
+import matplotlib.pyplot as plt
 from figures import DATA, ROOT, changed_sources, read_head, read_records
+from matplotlib.ticker import NullFormatter
 
-from bike_analysis.sweeps.report import STEP, draw_curves
-from bike_analysis.sweeps.tables import FINISHED
+from bike_analysis.page.document import RC, colour
+from bike_analysis.page.view import SERIES_COLOURS
+from bike_analysis.sweeps.statistics import bootstrap
 from bike_training.benchmark.evaluation import RESULTS_FILE, verify_results
 from bike_training.benchmark.tasks import BENCHMARKS
 
@@ -30,19 +35,35 @@ PICTURE = ROOT / "docs" / "images" / "baselines.png"
 
 
 def draw(rows: list[dict[str, str]], picture: Path) -> None:
-    """Draw the error over decisions, a panel for each task: interquartile means with their intervals, and the seeds."""
-    table = pd.DataFrame(rows)
-    curves = pd.DataFrame(
-        {
-            "run": table["task"] + table["learner"] + table["seed"],
-            "group": table["learner"],
-            "quantity": table["task"].str.removeprefix("two_wheeler/") + "_error",
-            "x": table["decisions"].astype(float),
-            "value": table["error"].astype(float),
-        }
-    )
-    runs = curves[["run", "group"]].drop_duplicates().assign(status=FINISHED)
-    draw_curves(runs, curves, list(curves["quantity"].unique()), STEP).savefig(picture, dpi=110)
+    """Draw the error over decisions, a panel for each task: interquartile means over seeds with their intervals."""
+    tasks = [name for name in BENCHMARKS if any(row["task"] == name for row in rows)]
+    with mpl.rc_context(RC):
+        figure, axes = plt.subplots(-(-len(tasks) // 2), 2, figsize=(9, 2.4 * -(-len(tasks) // 2)), squeeze=False)
+        for panel, task in itertools.zip_longest(axes.flat, tasks):
+            if task is None:
+                panel.set_axis_off()
+                continue
+            for name, learner in zip(SERIES_COLOURS, LEARNERS, strict=False):
+                points: dict[int, list[float]] = defaultdict(list)
+                for row in rows:
+                    if (row["task"], row["learner"]) == (task, learner):
+                        points[int(row["decisions"])].append(float(row["error"]))
+                if points:
+                    decisions = sorted(points)
+                    middle, low, high = zip(*(bootstrap(points[each]) for each in decisions), strict=True)
+                    panel.fill_between(decisions, low, high, color=colour(name), alpha=0.18, lw=0)
+                    label = f"{learner} ({len(points[decisions[-1]])})"
+                    panel.plot(decisions, middle, color=colour(name), marker="o", ms=3, label=label)
+            benchmark = BENCHMARKS[task]
+            panel.axhline(benchmark.classical_error, color=colour("muted"), lw=1, ls=":", label=benchmark.classical)
+            panel.set(yscale="log", ylabel=f"{task.removeprefix('two_wheeler/')}, error", xlabel="decisions")
+            panel.xaxis.set_major_formatter(lambda x, _: f"{x:,.0f}")
+            panel.yaxis.set_major_formatter(lambda y, _: f"{y:g}")
+            panel.yaxis.set_minor_formatter(NullFormatter())
+            panel.legend(fontsize=7)
+        figure.tight_layout()
+        figure.savefig(picture, dpi=110)
+        plt.close(figure)
 
 
 def main() -> None:

@@ -35,6 +35,7 @@ from scipy.stats import t as student
 
 from bike_analysis.figures.cells import cells, markdown
 from bike_analysis.sweeps.statistics import bootstrap
+from bike_training.gymnasium_ids import BENCHMARK_STEPS
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 DATA: Final = ROOT / "docs" / "data"
@@ -322,9 +323,12 @@ def baselines(name: str) -> str:
     """Return learners of frozen tasks: interquartile means over seeds, with their bootstrap intervals."""
     groups: dict[tuple[str, ...], list[dict[str, str]]] = defaultdict(list)
     for row in read_records(name):
-        groups[tuple(row[key] for key in ("task", "learner", "decisions"))].append(row)
+        groups[row["task"], row["learner"]].append(row)
     rows = []
-    for (task, learner, decisions), runs in groups.items():
+    order = list(BENCHMARK_STEPS)
+    for (task, learner), points in sorted(groups.items(), key=lambda group: (order.index(group[0][0]), group[0][1])):
+        decisions = max((row["decisions"] for row in points), key=int)
+        runs = [row for row in points if row["decisions"] == decisions]
         found = [bootstrap([float(run[key]) for run in runs]) for key in ("error", "score")]
         text = "{:.3f} ({:.3f} to {:.3f})" if len(runs) > 1 else "{:.3f}"
         texts = [text.format(*interval) for interval in found]

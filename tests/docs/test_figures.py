@@ -96,22 +96,31 @@ def test_baselines_learn_what_their_table_lacks(tmp_path: Path, monkeypatch: pyt
     )
     learned, faults = [], []
 
-    def learn(*settings: object) -> dict[str, float]:
+    def learn(*settings: object) -> list[dict[str, float]]:
         learned.append(settings[5])
-        return {"error": 0.1, "failed": 0, "score": 0.5}
+        common = {"failed": 0, "processor_s": 1.0}
+        return [
+            {"decisions": 50, "error": 0.2, "score": 0.0} | common,
+            {"decisions": 99, "error": 0.1, "score": 0.5} | common,
+        ]
 
     for module in (figures, baselines):
         monkeypatch.setattr(module, "DATA", tmp_path)
+    monkeypatch.setattr(baselines, "PICTURE", tmp_path / "curves.png")
     monkeypatch.setattr(baselines, "changed_sources", lambda head: [])
     monkeypatch.setattr(baselines, "verify_results", lambda path: {"faults": faults})
     monkeypatch.setattr(baselines, "runpy", SimpleNamespace(run_path=lambda path: {"learn": learn}))
+    words = ["baselines.py", "--id", "two_wheeler/Path-v0", "--learner", "sbx TD3", "--steps", "99", "--seeds"]
     for seeds in ("2", "3"):
-        monkeypatch.setattr(sys, "argv", ["baselines.py", "--seeds", seeds])
+        monkeypatch.setattr(sys, "argv", [*words, seeds])
         baselines.main()
     assert learned == [0, 1, 2]
-    assert "| 3 | 0.100 (0.100 to 0.100) | 0.500 (0.500 to 0.500) | 0.0 |" in figures.baselines(table.stem)
+    written = figures.baselines(table.stem)
+    assert "| sbx TD3 | 99 | 3 | 0.100 (0.100 to 0.100) | 0.500 (0.500 to 0.500) | 0.0 | 1 s |" in written
+    assert "0.200" not in written, "the table has the end of a curve"
+    assert (tmp_path / "curves.png").stat().st_size > 10_000
     faults.append("episode 1")
-    monkeypatch.setattr(sys, "argv", ["baselines.py", "--seeds", "4"])
+    monkeypatch.setattr(sys, "argv", [*words, "4"])
     with pytest.raises(RuntimeError, match="episode 1"):
         baselines.main()
-    assert len(figures.read_records(table.stem)) == 3, "a score that is not true has no row"
+    assert len(figures.read_records(table.stem)) == 6, "a score that is not true has no row"
