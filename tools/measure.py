@@ -278,7 +278,7 @@ TABLES: Final[Mapping[str, Table]] = {
         tuple(
             f"{rider} --task {task}"
             for task, steps in BENCHMARK_STEPS.items()
-            for rider in (("lqr", "whipple", "stanley") if steps < 1000 else ("classical",))
+            for rider in (("lqr", "whipple", "stanley") if steps < 1000 else ("classical", "racer", "adaptive"))
         ),
     ),
     "exported_policies": Table(
