@@ -17,7 +17,7 @@ from pathlib import Path
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 from figures import DATA, ROOT, changed_sources, read_head, read_records
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from bike_analysis.page.document import RC, colour
 from bike_analysis.page.view import SERIES_COLOURS
@@ -57,6 +57,7 @@ def draw(rows: list[dict[str, str]], picture: Path) -> None:
             benchmark = BENCHMARKS[task]
             panel.axhline(benchmark.classical_error, color=colour("muted"), lw=1, ls=":", label=benchmark.classical)
             panel.set(yscale="log", ylabel=f"{task.removeprefix('two_wheeler/')}, error", xlabel="decisions")
+            panel.xaxis.set_major_locator(MaxNLocator(5))
             panel.xaxis.set_major_formatter(lambda x, _: f"{x:,.0f}")
             panel.yaxis.set_major_formatter(lambda y, _: f"{y:g}")
             panel.yaxis.set_minor_formatter(NullFormatter())
