@@ -12,7 +12,9 @@ import csv
 import itertools
 import runpy
 from collections import defaultdict
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
@@ -31,6 +33,7 @@ VEHICLES = {"PPO": 64, "SAC": 32, "TD3": 32}
 """Side by side."""
 SCORES = 4
 """Points of a learning curve."""
+Learn = Callable[..., list[dict[str, Any]]]
 PICTURE = ROOT / "docs" / "images" / "baselines.png"
 
 
@@ -94,7 +97,7 @@ def _known(task: str, learner: str, steps: int, seed: int) -> bool:
     return any(all(row[name] == value for name, value in key.items()) for row in read_records(NAME))
 
 
-def _learn(learn, table: Path, task: str, learner: str, steps: int, seed: int, folder: Path) -> None:  # type: ignore[no-untyped-def]
+def _learn(learn: Learn, table: Path, task: str, learner: str, steps: int, seed: int, folder: Path) -> None:
     """Learn a seed and append its rows."""
     library, algorithm = learner.split()
     out = folder / task.split("/")[1] / f"{library}_{algorithm}" / f"{steps}_{seed}"
