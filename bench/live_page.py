@@ -27,6 +27,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 from selenium import webdriver
+from selenium.webdriver.support.ui import WebDriverWait
 from tqdm import tqdm
 
 from bike_analysis.page.live_page import live_view, render_live_page
@@ -48,6 +49,8 @@ FIRST_REPORTS: Final = 50
 """Diagnostics from its start after which a ride counts: in the first of them it may wait for the policy."""
 REPORT_TIMEOUT: Final = 180.0
 """Wall-clock time in which reports must have come, s."""
+DRAWN: Final = "const live = document.querySelector('.view')?.view?.live; return [live?.rate, live?.delay]"
+"""Frames that the page draws, 1/s, and how late, ms; nothing until it has drawn some."""
 PAGE_SIZE: Final = (1440, 900)
 """Pixels."""
 
@@ -160,6 +163,8 @@ def watching(domain: int, page_open: webdriver.Chrome | None) -> Iterator[None]:
         if page_open is not None:
             page_open.get(server.address)
             opened.callback(page_open.get, "about:blank")
+            # On a busy machine a page opens, and draws only after the window.
+            WebDriverWait(page_open, REPORT_TIMEOUT).until(lambda page: None not in page.execute_script(DRAWN))
         yield
 
 
@@ -186,8 +191,7 @@ def measure(rounds: int = 12, with_page: bool = True) -> dict[str, float]:
                 with watching(ride.domain, page):
                     watched.append(ride.window())
                     if page is not None:
-                        script = "const l = document.querySelector('.view').view.live; return [l.rate, l.delay]"
-                        drawn.append(page.execute_script(script))
+                        drawn.append(page.execute_script(DRAWN))
                 alone.append(ride.window())
     rate, used = np.median(alone, axis=0)
     figures = {"live_alone_steps_per_s": float(rate), "live_alone_processor_us_per_step": 1e6 * float(used)}
