@@ -31,6 +31,8 @@ NAME = "benchmark_baselines"
 LEARNERS = "sb3 PPO", "sbx SAC", "sbx TD3"
 VEHICLES = {"PPO": 64, "SAC": 32, "TD3": 32}
 """Side by side."""
+STEPS = 100_000
+"""Decisions of all vehicles together: the same for all rows, for the curves are means over seeds."""
 SCORES = 4
 """Points of a learning curve."""
 Learn = Callable[..., list[dict[str, Any]]]
@@ -75,7 +77,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--id", nargs="+", default=list(BENCHMARKS), help="some of the frozen tasks")
     parser.add_argument("--learner", nargs="+", default=list(LEARNERS), help="library and algorithm")
-    parser.add_argument("--steps", type=int, default=100_000, help="decisions of all vehicles together")
     parser.add_argument("--seeds", type=int, default=10, help="how many, from 0 on")
     parser.add_argument("--out", type=Path, default=Path("out/baselines"), help="folder of results and recordings")
     args = parser.parse_args()
@@ -86,22 +87,22 @@ def main() -> None:
     for seed in range(args.seeds):
         for task in args.id:
             for learner in args.learner:
-                if not _known(task, learner, args.steps, seed):
-                    _learn(learn, table, task, learner, args.steps, seed, args.out)
+                if not _known(task, learner, seed):
+                    _learn(learn, table, task, learner, seed, args.out)
     draw(read_records(NAME), PICTURE)
 
 
-def _known(task: str, learner: str, steps: int, seed: int) -> bool:
-    """Whether the table has a seed to its end."""
-    key = {"task": task, "learner": learner, "decisions": str(steps), "seed": str(seed)}
+def _known(task: str, learner: str, seed: int) -> bool:
+    """Whether the table has a seed."""
+    key = {"task": task, "learner": learner, "seed": str(seed)}
     return any(all(row[name] == value for name, value in key.items()) for row in read_records(NAME))
 
 
-def _learn(learn: Learn, table: Path, task: str, learner: str, steps: int, seed: int, folder: Path) -> None:
+def _learn(learn: Learn, table: Path, task: str, learner: str, seed: int, folder: Path) -> None:
     """Learn a seed and append its rows."""
     library, algorithm = learner.split()
-    out = folder / task.split("/")[1] / f"{library}_{algorithm}" / f"{steps}_{seed}"
-    points = learn(library, algorithm, task, VEHICLES[algorithm], steps, seed, out, SCORES)
+    out = folder / task.split("/")[1] / f"{library}_{algorithm}" / f"{seed}"
+    points = learn(library, algorithm, task, VEHICLES[algorithm], STEPS, seed, out, SCORES)
     if faults := verify_results(out / RESULTS_FILE)["faults"]:
         raise RuntimeError(f"{out}: {faults[0]}")
     with table.open("a", newline="", encoding="utf-8") as file:

@@ -107,10 +107,11 @@ def test_baselines_learn_what_their_table_lacks(tmp_path: Path, monkeypatch: pyt
     for module in (figures, baselines):
         monkeypatch.setattr(module, "DATA", tmp_path)
     monkeypatch.setattr(baselines, "PICTURE", tmp_path / "curves.png")
+    monkeypatch.setattr(baselines, "STEPS", 99)
     monkeypatch.setattr(baselines, "changed_sources", lambda head: [])
     monkeypatch.setattr(baselines, "verify_results", lambda path: {"faults": faults})
     monkeypatch.setattr(baselines, "runpy", SimpleNamespace(run_path=lambda path: {"learn": learn}))
-    words = ["baselines.py", "--id", "two_wheeler/Path-v0", "--learner", "sbx TD3", "--steps", "99", "--seeds"]
+    words = ["baselines.py", "--id", "two_wheeler/Path-v0", "--learner", "sbx TD3", "--seeds"]
     for seeds in ("2", "3"):
         monkeypatch.setattr(sys, "argv", [*words, seeds])
         baselines.main()
