@@ -206,6 +206,9 @@ def test_both_settings_differ_in_their_curriculum_alone() -> None:
     assert [run.seed for run in runs] == [0] * 6 + [1] * 6
 
 
+ABLATIONS = "swings", "unplanned-reward", "unplanned-observation", "no-lean-history", "no-failures", "no-mirror"
+
+
 def test_ablations_are_sac_with_one_thing_changed() -> None:
     experiment = SuperbikeExperiment(seeds=(0,))
     runs = [run.job().settings.preset for run in experiment.sweep().runs]  # type: ignore[attr-defined]
@@ -218,11 +221,12 @@ def test_ablations_are_sac_with_one_thing_changed() -> None:
             for key, value in presets[name].to_plain()[place].items()
             if sac[place].get(key) != value
         }
-        for name in ("swings", "unplanned-reward", "unplanned-observation", "no-failures", "no-mirror")
+        for name in ABLATIONS
     }
     assert list(changed.values()) == [
         {"task.weights"},
         {"task.weights"},
+        {"task.observation"},
         {"task.observation"},
         {"curriculum.failure_share"},
         {"learner.mirror"},

@@ -710,13 +710,18 @@ of the tyres and lags of rider and actuators say how much is left. Stations are 
 begins to within a tenth of a second.
 """
 
+NO_LEAN_HISTORY: Final = replace(
+    COMPACT, name="no_lean_history", terms=tuple(name for name in COMPACT.terms if name != "lean_history")
+)
+"""The same without the leans of earlier decisions: what they are worth is the difference."""
+
 ADAPTIVE: Final = replace(COMPACT, name="adaptive", terms=(*COMPACT.terms, "grip", "machine"), unseen=UNSEEN)
-"""The same, the inferred grip of the road, for which the reference is planned, and the descriptor of the vehicle.
+"""Those of `COMPACT`, the inferred grip of the road, for which the reference is planned, and the descriptor of the vehicle.
 
 Where no lap has been, grip is kept in reserve for patches of which nobody tells."""
 
 GUIDED: Final = replace(COMPACT, name="guided", terms=(*COMPACT.terms, "guide"))
-"""The same, and the guide's commands and targets."""
+"""Those of `COMPACT`, and the guide's commands and targets."""
 
 CONDITIONED: Final = replace(GUIDED, name="conditioned", terms=(*GUIDED.terms, "machine"))
 """The same, and the descriptor of the vehicle: for one policy of many vehicles."""
@@ -725,6 +730,6 @@ WHEEL_TO_WHEEL: Final = replace(GUIDED, name="wheel_to_wheel", terms=(*GUIDED.te
 """Those of guided policies, and the nearest others: for races with them."""
 
 RACE_LAYOUTS: Final[Mapping[str, ObservationLayout]] = {
-    layout.name: layout for layout in (COMPACT, ADAPTIVE, GUIDED, CONDITIONED, WHEEL_TO_WHEEL, PAPER_RACE)
+    layout.name: layout for layout in (COMPACT, NO_LEAN_HISTORY, ADAPTIVE, GUIDED, CONDITIONED, WHEEL_TO_WHEEL, PAPER_RACE)
 }
 """Layouts of races by name."""
