@@ -107,8 +107,7 @@ def outside(row, rear=20.0, front=20.0):
 def test_contact_points_outside(start, rear, front):
     row = copied(start[0])
     outside(row, rear, front)
-    one, both = off_track(row)
-    assert (bool(one[0]), bool(both[0])) == (max(rear, front) > 0.0, min(rear, front) > 0.0)
+    assert off_track(row.circuit[0]) == (max(rear, front) > 0.0, min(rear, front) > 0.0)
 
 
 def test_off_track_counts_with_speed_for_any_tyre_and_masks_progress_for_both(start):

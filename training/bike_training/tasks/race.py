@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from bike_policy.contract.action import DRIVE, LEAN_REQUEST, LINE_OFFSET, PACE, ActionColumn, ActionLayout
@@ -86,6 +87,9 @@ REWARD_TERMS: Final[Mapping[str, Callable[[FloatArray], FloatArray]]] = {
 - ``contact``, ``avoidable``: incidents with others, and those that the stewards punish
 
 All but progress, gain and place are at most 0."""
+
+_SIGNALS: Final = np.dtype([(name, np.float64) for name in REWARD_TERMS])
+"""The signals of a decision of a machine."""
 
 PLACE_DISTANCE: Final = 20.0
 """Distance ahead or behind over which a place counts as gained for the most part, m."""
@@ -261,7 +265,7 @@ class RaceState(TaskState):
         """
         self._task, self._count, self._period = task, count, vehicle.control_period
         self.interface = RaceInterface(task.layout, task.action, vehicle, self._period, count, plan)
-        self._signals = self._no_signals()
+        self._signals = np.zeros(count, dtype=_SIGNALS)
         self._progress = np.zeros(count)
         self._rate = np.ones(count)
         self._angles = np.zeros((count, 2))
@@ -271,13 +275,10 @@ class RaceState(TaskState):
         self._past = np.zeros((count, 2 * lag + 1, 2))
         self._walls = np.zeros(count)
         self._timers = np.zeros((count, 3))
-        self._limits = (task.off_track_time, task.wrong_way_time, task.stalled_time)
+        limits = float(task.off_track_time), float(task.wrong_way_time), float(task.stalled_time)
+        self._kept = limits, float(task.largest_lean), bool(task.any_tyre), bool(task.masked)
         self._over = np.zeros(count, dtype=np.bool_)
         self._expired = np.zeros(count, dtype=np.bool_)
-
-    def _no_signals(self) -> dict[str, FloatArray]:
-        """Return the signals at the beginning of a decision."""
-        return {name: np.zeros(self._count) for name in REWARD_TERMS}
 
     def begin(
         self, row: int, rows: VehicleRows, request: ResetRequest, course: Course, shown: VehicleRows | None = None
@@ -300,11 +301,11 @@ class RaceState(TaskState):
     def act(self, rows: VehicleRows, actions: NDArray[np.floating]) -> None:
         """Begin a decision."""
         self.interface.act(rows, actions)
-        self._signals = self._no_signals()
+        self._signals = signals = np.zeros(self._count, dtype=_SIGNALS)
         now, before = self.interface.memory.actions[:, 0], self.interface.memory.actions[:, 1]
         change = np.abs(now - before)
-        self._signals |= {"steering_change": change[:, 0], "throttle_change": change[:, 1]}
-        self._signals["effort"] = np.sum(now**2, axis=1)
+        signals["steering_change"], signals["throttle_change"] = change[:, 0], change[:, 1]
+        signals["effort"] = np.sum(now**2, axis=1)
 
     def commands(self, rows: VehicleRows) -> FloatArray:
         """Return the commands of a control period."""
@@ -312,44 +313,13 @@ class RaceState(TaskState):
 
     def advance(self, rows: VehicleRows) -> None:
         """Add a control period."""
-        signals, dt, task = self._signals, self._period, self._task
-        look, telemetry = rows.look, rows.signals
-        running = ~self._over
-        speed, error = look[:, lk.SPEED], np.abs(look[:, lk.LATERAL_ERROR])
-        wrong = np.abs(look[:, lk.HEADING_ERROR]) > 0.5 * math.pi
-        any_off, both_off = off_track(rows)
-        off = any_off if task.any_tyre else both_off
-        distance = np.where(rows.fallen, 0.0, look[:, lk.PROGRESS] - self._progress)
-        self._progress = look[:, lk.PROGRESS].copy()
-        _, asked = self.interface.references.at(self._progress)
-        self._rate = distance / (dt * asked / self.interface.references.share)
-        counted = np.where(wrong, -np.abs(distance), distance)
-        gained = np.where(wrong, -1.0, self._rate - 1.0) * dt
-        if task.masked:
-            counted, gained = (np.where(both_off, np.minimum(part, 0.0), part) for part in (counted, gained))
-        use = np.maximum(telemetry[:, _REAR_USE], telemetry[:, _FRONT_USE])
-        sideways = speed * np.minimum(np.abs(telemetry[:, _REAR_SLIP_ANGLE]), 1.0)
-        signals["progress"] += running * counted
-        signals["gain"] += running * gained
-        signals["off_track"] += running * off * speed * dt
-        signals["line"] += running * error * dt
-        signals["overspeed"] += running * np.maximum(0.0, speed - asked) * dt
-        signals["max_lean"] += running * np.maximum(0.0, np.abs(rows.state[:, ROLL]) - task.largest_lean) * dt
-        signals["slip_ratio"] += running * _both(telemetry, _REAR_SLIP, _FRONT_SLIP, 1.0) * dt
-        signals["slip_angle"] += running * _both(telemetry, _REAR_SLIP_ANGLE, _FRONT_SLIP_ANGLE, math.pi) * dt
-        signals["tyre_use"] += running * np.maximum(0.0, use - 1.0) * dt
-        signals["motion"] += running * (np.abs(telemetry[:, _VERTICAL_VELOCITY]) + sideways) * dt
-        hit = rows.fallen & (telemetry[:, _FALL] == 0.0)
-        touched = running & (hit | (rows.circuit[:, lk.WALL_ENERGY] > self._walls))
-        self._walls = rows.circuit[:, lk.WALL_ENERGY].copy()
-        signals["wall"] += touched * 0.5 * telemetry[:, _SPEED] ** 2
+        progress, references = rows.look[:, lk.PROGRESS], self.interface.references
+        _, asked = references.at(progress)
         if self._punishes_swings:
-            self._count_swings(rows, running * dt / PUBLISHED_PERIOD)
-        signals["fall"] += running & rows.fallen
-        for timer, ticking in enumerate((both_off, wrong, speed < STALLED)):
-            self._timers[:, timer] = np.where(ticking, self._timers[:, timer] + dt, 0.0)
-            self._expired |= self._timers[:, timer] > self._limits[timer] + 1e-9
-        self._over |= rows.fallen
+            self._count_swings(rows, ~self._over * self._period / PUBLISHED_PERIOD)
+        seen = rows.look, rows.state, rows.signals, rows.circuit, rows.fallen, asked, references.share
+        memory = self._progress, self._rate, self._walls, self._timers, self._over, self._expired
+        _add_period(*seen, *memory, self._signals, self._period, *self._kept)
 
     def _count_swings(self, rows: VehicleRows, part: NDArray[np.floating]) -> None:
         """Add a control period to both histories: `part` of a step of their source, shape (n,)."""
@@ -362,18 +332,18 @@ class RaceState(TaskState):
     def note(self, **signals: FloatArray) -> None:
         """Add signals that whoever runs the race knows, by the names of their terms, shape (n,) each."""
         for name, values in signals.items():
-            self._signals[name] = self._signals[name] + values
+            self._signals[name] += values
 
     def evaluate(self, rows: VehicleRows) -> StepResult:
         """Return the outcome of the decision."""
         signals = self._signals
         angles, omega = rows.state[:, [STEER, ROLL]], _omega(rows)
         change = angles - self._angles
-        signals |= {"steer_change": np.abs(change[:, 0]), "lean_change": np.abs(change[:, 1])}
+        signals["steer_change"], signals["lean_change"] = np.abs(change[:, 0]), np.abs(change[:, 1])
         signals["rate_change"] = np.sqrt(np.sum((omega - self._omega) ** 2, axis=1))
         self._angles, self._omega = angles, omega
         failed = rows.fallen | self._expired
-        signals["failure"] = failed.astype(np.float64)
+        signals["failure"] = failed
         terms = {name: weight * REWARD_TERMS[name](signals[name]) for name, weight in self._task.weights.items()}
         return StepResult(terms, failed)
 
@@ -396,11 +366,59 @@ class RaceState(TaskState):
 _MEMORY: Final = ("progress", "rate", "angles", "omega", "past", "walls", "timers", "over", "expired")
 
 
-def off_track(rows: VehicleRows) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return where one contact point at least, and where both are outside the limits, shape (n,) each."""
-    margins = rows.circuit[:, : lk.OUTSIDE]
-    rear_off, front_off = np.min(margins[:, :2], axis=1) < 0.0, np.min(margins[:, 2:], axis=1) < 0.0
-    return rear_off | front_off, rear_off & front_off
+@njit(cache=True)
+def off_track(circuit: FloatArray) -> tuple[bool, bool]:
+    """Return whether one contact point at least, and whether both are outside the limits of a row's circuit."""
+    rear_off, front_off = circuit[:2].min() < 0.0, circuit[2 : lk.OUTSIDE].min() < 0.0
+    return rear_off or front_off, rear_off and front_off
+
+
+@njit(cache=True)
+def _add_period(
+    look: FloatArray, state: FloatArray, telemetry: FloatArray, circuit: FloatArray, fallen: NDArray[np.bool_],
+    asked: FloatArray, share: FloatArray, progress: FloatArray, rate: FloatArray, walls: FloatArray,
+    timers: FloatArray, over: NDArray[np.bool_], expired: NDArray[np.bool_], signals: Any, dt: float,
+    limits: tuple[float, float, float], largest_lean: float, any_tyre: bool, masked: bool,
+) -> None:  # fmt: skip
+    """Add a control period to the signals and timers of all rows; arguments as `RaceState` names them."""
+    for i in range(len(look)):
+        # What is not running counts 0 times, so that a NaN stays one.
+        running, out = 0.0 if over[i] else 1.0, signals[i]
+        speed, error = look[i, lk.SPEED], abs(look[i, lk.LATERAL_ERROR])
+        wrong = abs(look[i, lk.HEADING_ERROR]) > 0.5 * math.pi
+        any_off, both_off = off_track(circuit[i])
+        off = any_off if any_tyre else both_off
+        distance = 0.0 if fallen[i] else look[i, lk.PROGRESS] - progress[i]
+        progress[i] = look[i, lk.PROGRESS]
+        rate[i] = distance / (dt * asked[i] / share[i])
+        counted = -abs(distance) if wrong else distance
+        gained = (-1.0 if wrong else rate[i] - 1.0) * dt
+        if masked and both_off:
+            counted, gained = np.minimum(counted, 0.0), np.minimum(gained, 0.0)
+        rear_angle, front_angle = abs(telemetry[i, _REAR_SLIP_ANGLE]), abs(telemetry[i, _FRONT_SLIP_ANGLE])
+        slip = np.minimum(abs(telemetry[i, _REAR_SLIP]), 1.0) + np.minimum(abs(telemetry[i, _FRONT_SLIP]), 1.0)
+        angle = np.minimum(rear_angle, math.pi) + np.minimum(front_angle, math.pi)
+        use = np.maximum(telemetry[i, _REAR_USE], telemetry[i, _FRONT_USE])
+        sideways = speed * np.minimum(rear_angle, 1.0)
+        out.progress += running * counted
+        out.gain += running * gained
+        out.off_track += running * off * speed * dt
+        out.line += running * error * dt
+        out.overspeed += running * np.maximum(0.0, speed - asked[i]) * dt
+        out.max_lean += running * np.maximum(0.0, abs(state[i, ROLL]) - largest_lean) * dt
+        out.slip_ratio += running * slip * dt
+        out.slip_angle += running * angle * dt
+        out.tyre_use += running * np.maximum(0.0, use - 1.0) * dt
+        out.motion += running * (abs(telemetry[i, _VERTICAL_VELOCITY]) + sideways) * dt
+        hit = fallen[i] and telemetry[i, _FALL] == 0.0
+        touched = not over[i] and (hit or circuit[i, lk.WALL_ENERGY] > walls[i])
+        walls[i] = circuit[i, lk.WALL_ENERGY]
+        out.wall += touched * 0.5 * telemetry[i, _SPEED] ** 2
+        out.fall += running * fallen[i]
+        for timer, ticking in enumerate((both_off, wrong, speed < STALLED)):
+            timers[i, timer] = timers[i, timer] + dt if ticking else 0.0
+            expired[i] |= timers[i, timer] > limits[timer] + 1e-9
+        over[i] |= fallen[i]
 
 
 def history_penalty(changes: FloatArray) -> FloatArray:
@@ -418,7 +436,3 @@ def history_penalty(changes: FloatArray) -> FloatArray:
 
 def _omega(rows: VehicleRows) -> FloatArray:
     return np.stack((rows.state[:, ROLL_RATE], rows.look[:, lk.YAW_RATE]), axis=1)
-
-
-def _both(signals: FloatArray, rear: int, front: int, most: float) -> FloatArray:
-    return np.minimum(np.abs(signals[:, rear]), most) + np.minimum(np.abs(signals[:, front]), most)

@@ -6,10 +6,12 @@ state. Observation and reward look both up here, so that they mean the same refe
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
@@ -134,20 +136,36 @@ class ReferenceRows:
         Args:
             progress: arc length of the line, of any lap, m, shape (n,) or (n, k).
         """
-        many = (slice(None),) + (None,) * (progress.ndim - 1)
+        many = np.ascontiguousarray(progress).reshape(len(progress), -1)
+        curvature, speed = np.empty(many.shape), np.empty(many.shape)
         lines = self.lines
-        length = lines.spacing * (lines.last + 1)
-        u = np.mod(progress, length[many]) / lines.spacing[many]
-        i = np.minimum(u.astype(np.int64), lines.last[many])
-        u -= i
-        i += lines.offset[many]
-        here, step = lines.samples[i], lines.samples[i + 1] - lines.samples[i]
-        curvature, *speeds = np.moveaxis(here + u[..., None] * step, -1, 0)
-        speed = self._on_grip(speeds, many) if self._adaptive else speeds[0]
-        return curvature, np.minimum(self.share[many] * speed, self.cap[many])
+        tables = lines.samples, lines.offset, lines.last, lines.spacing
+        _look_up(many, *tables, self.share, self.cap, self.grip, self._adaptive, curvature, speed)
+        return curvature.reshape(progress.shape), speed.reshape(progress.shape)
 
-    def _on_grip(self, speeds: Sequence[FloatArray], many: tuple[slice | None, ...]) -> FloatArray:
-        """Return the speed for each row's grip, linear between those of `GRIPS`."""
-        place = np.clip((GRIPS[0] - self.grip) / (GRIPS[0] - GRIPS[1]), 0.0, len(GRIPS) - 1.0)[many]
-        weights = [np.maximum(0.0, 1.0 - np.abs(place - k)) for k in range(len(GRIPS))]
-        return np.asarray(sum(weight * speed for weight, speed in zip(weights, speeds, strict=True)))
+
+@njit(cache=True)
+def _look_up(
+    progress: FloatArray, samples: FloatArray, offset: NDArray[np.int64], last: NDArray[np.int64], spacing: FloatArray,
+    share: FloatArray, cap: FloatArray, grip: FloatArray, adaptive: bool, curvature: FloatArray, speed: FloatArray,
+) -> None:  # fmt: skip
+    """Fill in curvature and speed of `ReferenceRows.at`; an unknown place has neither."""
+    for row in range(len(progress)):
+        length = spacing[row] * (last[row] + 1)
+        # The speed for a grip is linear between those of GRIPS.
+        place = min(max((GRIPS[0] - grip[row]) / (GRIPS[0] - GRIPS[1]), 0.0), len(GRIPS) - 1.0)
+        for k in range(progress.shape[1]):
+            if not math.isfinite(progress[row, k]):
+                curvature[row, k] = speed[row, k] = math.nan
+                continue
+            u = (progress[row, k] % length) / spacing[row]
+            i = min(int(u), last[row])
+            u -= i
+            here, after = samples[offset[row] + i], samples[offset[row] + i + 1]
+            curvature[row, k] = here[0] + u * (after[0] - here[0])
+            planned = here[1] + u * (after[1] - here[1])
+            if adaptive:
+                planned *= max(0.0, 1.0 - abs(place))
+                for j in range(1, len(GRIPS)):
+                    planned += max(0.0, 1.0 - abs(place - j)) * (here[1 + j] + u * (after[1 + j] - here[1 + j]))
+            speed[row, k] = min(share[row] * planned, cap[row])

@@ -186,6 +186,8 @@ class ShakeReflex:
             rows: as the rider sees them; the same rows give the same again.
             commands: of the rider, shape (n, 2).
         """
+        if math.isinf(self._most):
+            return commands
         rate = np.nan_to_num(rows.state[:, STATE.index("steer_rate")])
         mean = self._keeps * self._mean + (1.0 - self._keeps) * np.abs(rate)
         self._mean, self._rate = np.where(rate != self._rate, mean, self._mean), rate

@@ -77,14 +77,15 @@ FIRST_RATE: Final = 1.5
 _MEDIAN: Final = 0.6745
 """Median of the magnitude of a normal variable, by its standard deviation."""
 
-_LOOK_COLUMNS: Final = [
+_SEEN: Final = 11
+_LOOK_COLUMNS: Final = tuple(
     LOOK.index(name) for name in ("progress", "lateral_error", "heading_error", "speed", "yaw_rate", "curvature")
-]
-_STATE_COLUMNS: Final = [STATE.index(name) for name in ("roll", "roll_rate")]
+)
+_STATE_COLUMNS: Final = tuple(STATE.index(name) for name in ("roll", "roll_rate"))
 _ACCELERATION: Final = SIGNALS.index("acceleration_lat")
-_SIGNAL_COLUMNS: Final = [SIGNALS.index(name) for name in ("acceleration_lat", "drive_share", "brake_share")]
+_SIGNAL_COLUMNS: Final = tuple(SIGNALS.index(name) for name in ("acceleration_lat", "drive_share", "brake_share"))
 (_PROGRESS, _LATERAL, _HEADING, _SPEED, _YAW_RATE, _CURVATURE, _ROLL, _ROLL_RATE, _SIDEWAYS, _DRIVE_SHARE,
- _BRAKE_SHARE) = range(11)  # fmt: skip
+ _BRAKE_SHARE) = range(_SEEN)  # fmt: skip
 _SHOWN: Final = (LOOK.index("progress"), LOOK.index("lateral_error"), LOOK.index("heading_error"))
 _CURVATURE_SHOWN, _SPACING = map(LOOK.index, ("curvature", "preview_spacing"))
 _LEFT: Final = [LIMITS.index("rear_left_margin"), LIMITS.index("front_left_margin")]
@@ -109,7 +110,7 @@ MEMORY: Final = np.dtype(
         ("roll_found", np.int64),
         ("delay", np.int64),
         ("answers", np.int64),
-        ("seen", np.float64, (11,)),
+        ("seen", np.float64, (_SEEN,)),
         ("against", np.float64, (MOST_DELAY + 1,)),
         ("sent", np.float64, (MOST_DELAY + 1,)),
         ("lateral_before", np.float64),
@@ -174,24 +175,15 @@ class RideObserver:
 
     def observe(self, rows: VehicleRows) -> VehicleRows:
         """Take in a control instant and return what the rider is shown; the same again for the same rows."""
-        seen = np.empty((len(self.memory), 11))
-        seen[:, : len(_LOOK_COLUMNS)] = rows.look[:, _LOOK_COLUMNS]
-        seen[:, _ROLL:_SIDEWAYS] = rows.state[:, _STATE_COLUMNS]
-        seen[:, _SIDEWAYS:] = rows.signals[:, _SIGNAL_COLUMNS]
         lines, memory = self._lines, self.memory
         tables = lines.samples, lines.offset, lines.last, lines.spacing
-        _observe(
-            seen, rows.state[:, _REAR_WHEEL].copy(), memory, self._period, self._lags, self._centre, tables, self.rates
-        )
-        self.delays = self._period * memory["delay"]
-        hidden = np.isnan(rows.signals[:, _REAR_LOAD])
-        slip = CORNERING * np.sqrt(memory["rate_variance"]) / np.maximum(rows.look[:, _SPEED_SHOWN], 1.0)
-        self.force_errors = np.where(hidden, np.sqrt(ESTIMATE_ERROR**2 + slip**2), FORCE_ERROR)
-        old = memory["fixes"] > 1
-        unsure = (memory["lateral_found"] > 0) | old
-        if not (unsure.any() or memory["roll_found"].any() or hidden.any()):
+        seen = rows.state, rows.look, rows.signals
+        found = self.rates, self.delays, self.force_errors
+        if not _observe(*seen, memory, self._period, self._lags, self._centre, tables, *found):
             return rows
-        shown = self._shown(rows, unsure, old)
+        hidden = np.isnan(rows.signals[:, _REAR_LOAD])
+        old = memory["fixes"] > 1
+        shown = self._shown(rows, (memory["lateral_found"] > 0) | old, old)
         if hidden.any():
             estimated = np.where(hidden[:, None], 0.0, rows.signals)
             estimated[:, _KNOWN] = rows.signals[:, _KNOWN]
@@ -257,32 +249,55 @@ def _further(points: FloatArray, passed: float) -> FloatArray:
 
 @njit(cache=True)
 def _observe(
-    seen: FloatArray, wheels: FloatArray, memory: Record, period: float, lags: tuple[float, float],
-    centre: tuple[float, float], tables: Plans, rates: FloatArray,
+    state: FloatArray, look: FloatArray, signals: FloatArray, memory: Record, period: float,
+    lags: tuple[float, float], centre: tuple[float, float], tables: Plans, rates: FloatArray, delays: FloatArray,
+    force_errors: FloatArray,
+) -> bool:  # fmt: skip
+    """Take in a control instant; return whether anything but what was measured is to be shown."""
+    other, now = False, np.empty(_SEEN)
+    for row in range(len(state)):
+        ride = memory[row]
+        for place, column in enumerate(_LOOK_COLUMNS):
+            now[place] = look[row, column]
+        for place, column in enumerate(_STATE_COLUMNS):
+            now[_ROLL + place] = state[row, column]
+        for place, column in enumerate(_SIGNAL_COLUMNS):
+            now[_SIDEWAYS + place] = signals[row, column]
+        if math.isfinite(now.sum()):
+            _observe_row(ride, now, state[row, _REAR_WHEEL], period, lags, centre, tables, rates, row)
+        delays[row], force_errors[row] = period * ride.delay, FORCE_ERROR
+        hidden = math.isnan(signals[row, _REAR_LOAD])
+        if hidden:
+            slip = CORNERING * math.sqrt(ride.rate_variance) / np.maximum(look[row, _SPEED_SHOWN], 1.0)
+            force_errors[row] = math.sqrt(ESTIMATE_ERROR**2 + slip**2)
+        other |= hidden or ride.lateral_found > 0 or ride.fixes > 1 or ride.roll_found != 0
+    return other
+
+
+@njit(cache=True)
+def _observe_row(
+    ride: Record, now: FloatArray, wheel: float, period: float, lags: tuple[float, float],
+    centre: tuple[float, float], tables: Plans, rates: FloatArray, row: int,
 ) -> None:  # fmt: skip
-    for row in range(len(seen)):
-        ride, now = memory[row], seen[row]
-        if not math.isfinite(now.sum()):
-            continue
-        if ride.periods == 0:
-            _begin(ride, now)
-            ride.wheel_rate = math.nan
-        else:
-            same = True
-            for column in range(len(now)):
-                same = same and ride.seen[column] == now[column]
-            if same:
-                continue
-            elapsed = _follow(ride, now, period, centre, tables, row)
-            ride.wheel_rate = (wheels[row] - ride.wheel_angle) / elapsed
-            if elapsed == period:
-                _judge_delay(ride, now, math.exp(-period / lags[0]), math.exp(-period / lags[1]))
-        ride.wheel_angle = wheels[row]
-        ride.periods += 1
-        for column in range(len(now)):
-            ride.seen[column] = now[column]
-        found = ride.lateral_found != 0 or ride.fixes > 1
-        rates[row] = ride.rate if found else math.nan
+    if ride.periods == 0:
+        _begin(ride, now)
+        ride.wheel_rate = math.nan
+    else:
+        same = True
+        for column in range(_SEEN):
+            same = same and ride.seen[column] == now[column]
+        if same:
+            return
+        elapsed = _follow(ride, now, period, centre, tables, row)
+        ride.wheel_rate = (wheel - ride.wheel_angle) / elapsed
+        if elapsed == period:
+            _judge_delay(ride, now, math.exp(-period / lags[0]), math.exp(-period / lags[1]))
+    ride.wheel_angle = wheel
+    ride.periods += 1
+    for column in range(_SEEN):
+        ride.seen[column] = now[column]
+    found = ride.lateral_found != 0 or ride.fixes > 1
+    rates[row] = ride.rate if found else math.nan
 
 
 @njit(cache=True)
