@@ -7,7 +7,9 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import minari
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from bike_policy.contract.bundle import Actor
@@ -46,8 +48,6 @@ def test_an_episode_is_the_ride(recording: Path) -> None:
 
 
 def test_minari_loads_what_was_written(recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    minari = pytest.importorskip("minari")
-    pytest.importorskip("h5py")
     command = ["analyze", str(recording), "--minari", str(tmp_path), "--name", "classical"]
     assert main(command) == 0
     monkeypatch.setenv(MINARI_FOLDERS, str(tmp_path))
@@ -63,18 +63,24 @@ def test_minari_loads_what_was_written(recording: Path, tmp_path: Path, monkeypa
 
 
 def test_lerobots_files_are_those_of_version_3(recording: Path, tmp_path: Path, capsys) -> None:
-    pq = pytest.importorskip("pyarrow.parquet")
     folder = tmp_path / "set"
     assert main(["analyze", str(recording), str(recording), "--lerobot", str(folder), "--json"]) == 0
     info = json.loads((folder / "meta/info.json").read_text())
-    frames = pq.read_table(folder / info["data_path"].format(chunk_index=0, file_index=0)).to_pydict()
+    table = pq.read_table(folder / info["data_path"].format(chunk_index=0, file_index=0))
+    frames = table.to_pydict()
     assert (info["codebase_version"], info["fps"], info["total_episodes"]) == ("v3.0", 20, 2)
     assert set(info["features"]) == set(frames)
+    for name, feature in info["features"].items():  # what LeRobot 0.4.4 makes of a feature: one number is no list
+        kind, (size,) = table.schema.field(name).type, feature["shape"]
+        assert (str(kind) if size == 1 else str(kind.value_type)).replace("double", "float64") == (
+            {"float32": "float"}.get(feature["dtype"], feature["dtype"])
+        )
+        assert size == 1 or kind.list_size == size
     assert frames["index"] == list(range(2 * STEPS)) == list(range(info["total_frames"]))
     assert frames["frame_index"] == [*range(STEPS)] * 2
     np.testing.assert_allclose(frames["timestamp"][:STEPS], np.arange(STEPS) / 20.0, rtol=1e-6)
     (episode, _) = read_episodes([recording, recording])
-    np.testing.assert_array_equal(np.array(frames["action"][:STEPS], dtype=np.float32), episode.actions)
+    np.testing.assert_array_equal(np.array(frames["action"][:STEPS], dtype=np.float32)[:, None], episode.actions)
     names = info["features"]["observation.state"]["names"]
     assert len(names) == info["features"]["observation.state"]["shape"][0] == episode.observations.shape[1]
     rides = pq.read_table(folder / "meta/episodes/chunk-000/file-000.parquet").to_pydict()

@@ -213,8 +213,8 @@ def write_lerobot(episodes: Sequence[Episode], folder: Path) -> Path:
         (folder / name).mkdir(parents=True)
     columns = {
         key: pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
-        if key in _VECTORS
-        else pa.array(values[:, 0])
+        if values.shape[1] > 1
+        else pa.array(values[:, 0])  # LeRobot takes a feature of shape (1,) for a number
         for key, values in together.items()
     }
     pq.write_table(pa.table(columns), folder / "data/chunk-000/file-000.parquet")
@@ -245,10 +245,6 @@ def write_lerobot(episodes: Sequence[Episode], folder: Path) -> Path:
     statistics = {key: _statistics(values) for key, values in together.items()}
     (folder / "meta/stats.json").write_text(json.dumps(statistics, indent=1), encoding="utf-8")
     return folder
-
-
-_VECTORS: Final = ("observation.state", "action")
-"""Features that are lists in each row, whatever their size."""
 
 
 def _names() -> list[str]:
