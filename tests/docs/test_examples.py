@@ -17,6 +17,7 @@ SHORT = {
     "recording_to_pandas": str(TESTS / "analysis/recordings/ride_of_2be20ba.mcap"),
     "ride_in_process": "--seconds 5 --rider lqr",
     "ros_lockstep": "--seconds 5",
+    "rsl_rl_ppo": "--count 2 --updates 2",
     "vector_environment": "--count 2 --steps 5",
 }
 
