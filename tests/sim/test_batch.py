@@ -255,6 +255,30 @@ def test_physics_that_diverge_end_a_row_at_its_last_finite_instant(courses: dict
     assert batch.look[1, 5] > 0.5
 
 
+@pytest.mark.parametrize("config", [CONFIG, BICYCLES, SimulatorConfig(time_step=0.005)], ids=lambda it: it.engine)
+def test_a_halted_row_stands_still_until_its_next_reset_and_the_others_ride_on(
+    courses: dict[str, str], config: SimulatorConfig
+) -> None:
+    batch, alone = Batch(2, config), Simulator(config)
+    request = ResetRequest(course=courses["circuit file"], speed_range=(6.0, 6.0))
+    for row in range(2):
+        batch.reset(row, request)
+    snapshot = alone.reset(request)
+    batch.halt(np.array([True, False]))
+    before = batch.state[0].copy(), batch.look[0].copy()
+    for _ in range(5):
+        batch.step(np.full((2, 2), 0.05))
+        snapshot = alone.step(0.05, 0.05)
+    assert np.array_equal(batch.state[0], before[0])
+    assert np.array_equal(batch.look[0], before[1])
+    assert_row_shows(batch, 1, snapshot)
+    batch.reset(0, request)
+    batch.step(np.zeros((2, 2)))
+    assert not np.array_equal(batch.state[0], before[0])
+    alone.close()
+    batch.close()
+
+
 def test_what_cannot_be_is_refused() -> None:
     with pytest.raises(ValueError, match="engine 'compiled' is for superbikes; for the bicycle 'whipple'"):
         Batch(1, SimulatorConfig(engine="compiled"))

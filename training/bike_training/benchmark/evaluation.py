@@ -125,6 +125,7 @@ def _ride(
                 errors[period] = state.error(batch)
             over = state.evaluate(batch).failed & ~failed
             failed |= over
+            batch.halt(failed)
             ends[over] = (decision + 1) * task.repeat
         return given, [
             {"error": _error(benchmark, errors[: ends[row], row], bool(failed[row])), "failed": bool(failed[row])}

@@ -66,8 +66,7 @@ class SideBySide:
             track[step] = rides.error(batch)
             if (step + 1) % task.repeat == 0:
                 alive &= ~rides.evaluate(batch).failed
-                # A fallen vehicle would leave the model's range; it lies still for the rest of the ride.
-                batch.state[~alive] = 0.0
+                batch.halt(~alive)
             if not alive.any():
                 break
         return track, alive

@@ -109,6 +109,7 @@ def ride_races(
         riding = ~batch.fallen & (_finished(batch) < laps)
         if not riding.any():
             break
+        batch.halt(~riding)
         batch.step(np.where(riding[:, None], commands, 0.0))
         failed = riding & (batch.fallen | batch.off_course)
         here = failed & (whole | batch.fallen)

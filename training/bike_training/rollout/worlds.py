@@ -341,6 +341,7 @@ def _ride(rides: Sequence[WorldRide], rider_of: RiderOf, laps: int, report: Repo
         if step % TELL_EVERY == 0:
             report(len(ended))
         acting = instruments.acting(rider.commands(instruments.shown(batch), step))
+        batch.halt(~riding)
         batch.step(np.where(riding[:, None], acting, 0.0))
         step += 1
         lost = batch.fallen | batch.off_course | (step * config.control_period > longest)

@@ -396,6 +396,10 @@ class Batch:
         if self.traffic is not None:
             self.incidents = self.traffic.incidents[: call(meet, self._period, rows, self.traffic, -1)]
 
+    def halt(self, rows: NDArray[np.bool_]) -> None:
+        """Let rows be as they are until their next reset: a ride that is over costs nothing, shape (n,)."""
+        self.rows.steps[rows] = -1
+
     def meet(self, race: int = 0) -> None:
         """Let the rows of a race see each other after their resets, before the first step.
 
