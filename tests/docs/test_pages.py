@@ -17,6 +17,7 @@ PACKAGES = sorted((ROOT / "ros_ws/src").glob("*/package.xml"))
 RUN = {
     ROOT / "README.md": (),
     DOCS / "tutorials/recording-in-pandas.md": ("out/ride/ride.mcap",),
+    DOCS / "tutorials/score-your-learner.md": (),
     DOCS / "how-to/use-the-environments.md": (),
 }
 """Pages whose Python runs here, with the recordings that it reads."""
