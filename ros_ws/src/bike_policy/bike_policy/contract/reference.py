@@ -90,6 +90,21 @@ class LineTables:
             self.offset[row] = self._first[key]
 
 
+Plans = tuple[FloatArray, NDArray[np.int64], NDArray[np.int64], FloatArray]
+"""Tables of all lines, and of each ride its first row in them, its number of intervals less one, and their length."""
+
+
+@njit(cache=True)
+def plan_at(plans: Plans, row: int, column: int, s: float) -> float:
+    """Return a column of a ride's table at an arc length of any lap."""
+    table, offset, last, spacing = plans
+    u = (s % (spacing[row] * (last[row] + 1))) / spacing[row]
+    i = min(int(u), last[row])
+    u -= i
+    i += offset[row]
+    return float(table[i, column] + u * (table[i + 1, column] - table[i, column]))
+
+
 class ReferenceRows:
     """References of vehicles side by side; rows on the same line share its samples.
 
@@ -140,32 +155,27 @@ class ReferenceRows:
         curvature, speed = np.empty(many.shape), np.empty(many.shape)
         lines = self.lines
         tables = lines.samples, lines.offset, lines.last, lines.spacing
-        _look_up(many, *tables, self.share, self.cap, self.grip, self._adaptive, curvature, speed)
+        _look_up(many, tables, self.share, self.cap, self.grip, self._adaptive, curvature, speed)
         return curvature.reshape(progress.shape), speed.reshape(progress.shape)
 
 
 @njit(cache=True)
 def _look_up(
-    progress: FloatArray, samples: FloatArray, offset: NDArray[np.int64], last: NDArray[np.int64], spacing: FloatArray,
-    share: FloatArray, cap: FloatArray, grip: FloatArray, adaptive: bool, curvature: FloatArray, speed: FloatArray,
+    progress: FloatArray, plans: Plans, share: FloatArray, cap: FloatArray, grip: FloatArray, adaptive: bool,
+    curvature: FloatArray, speed: FloatArray,
 ) -> None:  # fmt: skip
     """Fill in curvature and speed of `ReferenceRows.at`; an unknown place has neither."""
     for row in range(len(progress)):
-        length = spacing[row] * (last[row] + 1)
         # The speed for a grip is linear between those of GRIPS.
         place = min(max((GRIPS[0] - grip[row]) / (GRIPS[0] - GRIPS[1]), 0.0), len(GRIPS) - 1.0)
         for k in range(progress.shape[1]):
-            if not math.isfinite(progress[row, k]):
+            s = progress[row, k]
+            if not math.isfinite(s):
                 curvature[row, k] = speed[row, k] = math.nan
                 continue
-            u = (progress[row, k] % length) / spacing[row]
-            i = min(int(u), last[row])
-            u -= i
-            here, after = samples[offset[row] + i], samples[offset[row] + i + 1]
-            curvature[row, k] = here[0] + u * (after[0] - here[0])
-            planned = here[1] + u * (after[1] - here[1])
+            curvature[row, k], planned = plan_at(plans, row, 0, s), plan_at(plans, row, 1, s)
             if adaptive:
                 planned *= max(0.0, 1.0 - abs(place))
                 for j in range(1, len(GRIPS)):
-                    planned += max(0.0, 1.0 - abs(place - j)) * (here[1 + j] + u * (after[1 + j] - here[1 + j]))
+                    planned += max(0.0, 1.0 - abs(place - j)) * plan_at(plans, row, 1 + j, s)
             speed[row, k] = min(share[row] * planned, cap[row])

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bike_policy.contract.reference import LineTables
+from bike_policy.contract.reference import LineTables, Plans, plan_at
 from bike_policy.planning.lap_plan import (
     P_CREST,
     P_CURVATURE,
@@ -239,8 +239,6 @@ class LineLaw:
 
 Tables = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 """Of a machine: lateral accelerations by speed and lean, the speeds, the leans, and the engine's force by speed."""
-Plans = tuple[FloatArray, NDArray[np.int64], NDArray[np.int64], FloatArray]
-"""Tables of all lines, and of each ride its first row in them, its number of intervals less one, and their length."""
 
 
 @njit(cache=True)
@@ -348,17 +346,6 @@ def slower_inside(observed: FloatArray, targets: FloatArray, plans: Plans) -> No
         bound = inside_pace(plans, row, observed[row, PROGRESS], max(observed[row, SPEED], 1.0), targets[row, 0])
         if bound < 0.0:
             targets[row, 1] = min(targets[row, 1], bound)
-
-
-@njit(cache=True)
-def plan_at(plans: Plans, row: int, column: int, s: float) -> float:
-    """Return a column of a ride's plan at an arc length of any lap."""
-    table, offset, last, spacing = plans
-    u = (s % (spacing[row] * (last[row] + 1))) / spacing[row]
-    i = min(int(u), last[row])
-    u -= i
-    i += offset[row]
-    return float(table[i, column] + u * (table[i + 1, column] - table[i, column]))
 
 
 @njit(cache=True)
