@@ -18,7 +18,7 @@ from bike_policy.contract.observation import (
     RideMemory,
     Rows,
 )
-from bike_policy.contract.reference import GRIPS, KEPT, OPEN, Reference, ReferenceRows
+from bike_policy.planning.reference import GRIPS, KEPT, OPEN, Reference, ReferenceRows
 from bike_policy.riders.racing import RaceInterface
 from bike_sim.schema import LOOK, OPPONENT, SIGNALS, STATE
 from bike_sim.vehicles.files import load_vehicle

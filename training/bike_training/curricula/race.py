@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.contract.reference import KEPT
+from bike_policy.planning.reference import KEPT
 from bike_sim.course.files import load_track, shipped_tracks
 from bike_sim.planning.envelope import Envelope, envelope
 from bike_sim.planning.line_cache import track_with_line

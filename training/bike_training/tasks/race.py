@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from bike_policy.contract.action import DRIVE, LEAN_REQUEST, LINE_OFFSET, PACE, ActionColumn, ActionLayout
 from bike_policy.contract.observation import RACE_LAYOUTS, ObservationLayout, VehicleRows
-from bike_policy.contract.reference import OPEN
 from bike_policy.planning.lap_plan import Planner
+from bike_policy.planning.reference import OPEN
 from bike_policy.riders.racing import RaceInterface
 from bike_sim.course.course import Course
 from bike_sim.physics.state import ROLL, ROLL_RATE, STEER

@@ -20,7 +20,6 @@ from typing import Any, Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.contract.reference import UNSEEN, ReferenceRows
 from bike_sim.schema import GRAVITY, LIMITS, LOOK, OPPONENT, OPPONENT_SLOTS, SIGNALS, STATE
 
 FloatArray = NDArray[np.float64]
@@ -30,6 +29,9 @@ LAYOUT_VERSION: Final = 2
 
 LEAST_SPEED: Final = 5.0
 """Speed below which the distance of course points and stations no longer shrinks, m/s."""
+UNSEEN: Final = 0.18
+"""Grip that careful riders keep in reserve where no lap has been: as much as 60 m with a factor of 0.8 in a long turn
+take. With a factor of 0.9 it is 0.12."""
 MOST_UNSEEN: Final = 0.3
 """Most grip that may be kept in reserve where no lap has been."""
 HORIZON: Final = 6.0
@@ -122,6 +124,13 @@ def rows_of(snapshot: Any) -> Rows:
     return Rows(*columns, limits, points, np.array([snapshot.fallen]), opponents)
 
 
+class References(Protocol):
+    """References of vehicles side by side, as `bike_policy.planning.reference.ReferenceRows` looks them up."""
+
+    def at(self, progress: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return curvature (1/m) and asked speed (m/s) at arc lengths, m, shape (n,) or (n, k)."""
+
+
 @dataclass
 class RideMemory:
     """Inputs of racing policies besides the rows: what no single instant shows, and what does not change in a ride.
@@ -144,7 +153,7 @@ class RideMemory:
     guide: FloatArray
     vehicle: FloatArray
     grip: FloatArray
-    references: ReferenceRows
+    references: References
 
 
 class TermInputs(NamedTuple):

@@ -23,10 +23,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bike_policy.contract.observation import PROGRESS, SPEED, VehicleRows
-from bike_policy.contract.reference import GRIPS, KEPT
 from bike_policy.planning.lap_plan import P_FASTER, LinePlan, Planner, RiderSettings, SteadyLeans, on_grip, plan_line
 from bike_policy.planning.line_law import SEEN, LineLaw, seen_of
 from bike_policy.planning.plan_verification import verified_plan
+from bike_policy.planning.reference import GRIPS, KEPT
 from bike_policy.planning.ride_observer import RideObserver
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike import tyres

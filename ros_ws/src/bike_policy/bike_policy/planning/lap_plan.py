@@ -11,7 +11,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.contract.reference import GRIPS, KEPT, UNSEEN, Reference
+from bike_policy.contract.observation import UNSEEN
+from bike_policy.planning.reference import GRIPS, KEPT, Reference
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike.statics import steady_lateral
 from bike_sim.planning.envelope import Envelope, envelope, left_by_turning

@@ -13,7 +13,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bike_policy.contract.reference import LineTables, Plans, plan_at
 from bike_policy.planning.lap_plan import (
     P_CREST,
     P_CURVATURE,
@@ -28,6 +27,7 @@ from bike_policy.planning.lap_plan import (
     RiderSettings,
     SteadyLeans,
 )
+from bike_policy.planning.reference import LineTables, Plans, plan_at
 from bike_sim.physics.superbike.statics import engine_force, inertial_mass
 from bike_sim.schema import FLAG, LOOK, STATE, Quantity, Schema
 from bike_sim.vehicles.superbike import Superbike

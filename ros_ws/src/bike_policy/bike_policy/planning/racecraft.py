@@ -26,7 +26,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bike_policy.contract.observation import VehicleRows
-from bike_policy.contract.reference import Plans, plan_at
 from bike_policy.planning.lap_plan import P_CURVATURE, P_LEFT, P_LONGITUDINAL, P_RIGHT, P_SPEED
 from bike_policy.planning.line_law import (
     HEADING_ERROR,
@@ -38,6 +37,7 @@ from bike_policy.planning.line_law import (
     inside_pace,
     seen_of,
 )
+from bike_policy.planning.reference import Plans, plan_at
 from bike_sim.schema import FLAG, OPPONENT, OPPONENT_SLOTS, Quantity, Schema
 
 FloatArray = NDArray[np.float64]

@@ -30,7 +30,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bike_policy.contract.observation import Rows, VehicleRows
-from bike_policy.contract.reference import KEPT, LineTables, Plans, plan_at
+from bike_policy.planning.reference import KEPT, LineTables, Plans, plan_at
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike import tyres
 from bike_sim.schema import LIMITS, LOOK, SIGNALS, STATE

@@ -33,7 +33,6 @@ from bike_policy.contract.observation import (
     VehicleRows,
     rows_of,
 )
-from bike_policy.contract.reference import OPEN, ReferenceRows
 from bike_policy.planning import line_law as ll
 from bike_policy.planning.grip import FIRST_ERROR, AdaptiveLaw, GripMemory, ShakeReflex
 from bike_policy.planning.lap_plan import (
@@ -46,6 +45,7 @@ from bike_policy.planning.lap_plan import (
 )
 from bike_policy.planning.plan_verification import Rollouts, verified_margin, verified_plan
 from bike_policy.planning.racecraft import guard_targets
+from bike_policy.planning.reference import OPEN, ReferenceRows
 from bike_policy.planning.ride_observer import RideObserver
 from bike_policy.riders.rider import LearnedRider
 from bike_sim.course.course import Course

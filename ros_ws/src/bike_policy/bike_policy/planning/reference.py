@@ -24,10 +24,6 @@ There are more tables where more rows ride on lines of their own."""
 GRIPS: Final = (1.0, 0.9, 0.8, 0.7)
 """Grips of the road, falling and evenly spaced, for which references that follow the inferred grip are planned."""
 
-UNSEEN: Final = 0.18
-"""Grip that careful riders keep in reserve where no lap has been: as much as 60 m with a factor of 0.8 in a long turn
-take. With a factor of 0.9 it is 0.12."""
-
 OPEN: Final = 1000.0
 """Speed limit of a ride without one, m/s: finite, so that it passes through every file and message."""
 
