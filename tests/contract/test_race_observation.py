@@ -77,6 +77,7 @@ def memory_of(layout, rows, sign=1.0, actions=()):
         guide=np.tile([0.3 * sign, 0.5, 0.7 * sign, -0.05], (count, 1)),
         vehicle=MACHINE,
         grip=np.tile([0.9, 0.95, 0.03], (count, 1)),
+        push=np.full(count, 0.3 * sign),
         references=references,
     )
     for action in actions:

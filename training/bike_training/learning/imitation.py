@@ -47,7 +47,7 @@ SURE: Final = 0.035
 """Standard deviation of the inferred grip that asks for no caution."""
 STEERED: Final = 10.0
 """Weight of the squared error of the lean request by that of throttle and brake."""
-NOISE: Final = (0.006, 0.03)
+NOISE: Final = (0.008, 0.06)
 """Standard deviation of what is added to lean request and drive of half of the rows, so that the actor sees how to
 come back."""
 NOISE_MEMORY: Final = 0.97
@@ -62,7 +62,7 @@ DURATION: Final = 60.0
 """Of a round, s."""
 UPDATES: Final = 4000
 """Updates after each round; after the last one `LAST` times as many."""
-LAST: Final = 5
+LAST: Final = 8
 BATCH: Final = 512
 RATE: Final = 2e-3
 SAMPLED: Final = 50_000
@@ -149,7 +149,12 @@ class Teacher:
             share = interface.references.share
             pace = np.stack((np.zeros(len(share)), share - 1.0), axis=1)
             grip, expected = told_grip(true[part :: self._kinds], interface.grip_memory)
-            found[part :: self._kinds] = law.follow(rows, grip, expected, pace, delays=self._delays[part])
+            pushes = None
+            if interface.wind is not None:
+                expected, pushes = expected - interface.wind.lost, interface.wind.push
+            found[part :: self._kinds] = law.follow(
+                rows, grip, expected, pace, delays=self._delays[part], pushes=pushes
+            )
         return np.clip(np.nan_to_num(found) / self._scale, -1.0, 1.0).astype(np.float32)
 
     def _grip_of(self, row: int) -> float:

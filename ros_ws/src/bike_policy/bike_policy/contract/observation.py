@@ -144,6 +144,7 @@ class RideMemory:
         vehicle: descriptor of the vehicle, in the order of DESCRIPTOR.
         grip: grip expected here and shortly ahead, grip inferred here, and standard deviation of its error, shape
             (n, 3).
+        push: lateral acceleration by the wind, as it is inferred, m/s^2 to the left, shape (n,).
         references: followed lines of the vehicles.
     """
 
@@ -153,6 +154,7 @@ class RideMemory:
     guide: FloatArray
     vehicle: FloatArray
     grip: FloatArray
+    push: FloatArray
     references: References
 
 
@@ -426,6 +428,7 @@ RACE_TERMS: Final[Mapping[str, Term]] = {
         "1", lambda s: s.memory.grip - (1.0, 1.0, 0.0), 1.0, (0.2, 0.2, 0.1),
         names=("grip_expected", "grip_inferred", "grip_deviation"), settings=("unseen",),
     ),
+    "wind": Term("m/s^2", lambda s: s.memory.push[:, None], -1.0, 0.5, names=("wind_push",)),
     "opponents": Term(
         "1, 10 m, 2 m, m/s, m/s", _opponents, tuple(OPPONENT.mirror_signs.tolist()) * len(OPPONENT_SLOTS),
         (1.0, 1.0, 1.0, 10.0, 5.0) * len(OPPONENT_SLOTS), names=_OPPONENT_NAMES,
@@ -727,8 +730,9 @@ NO_LEAN_HISTORY: Final = replace(
 )
 """The same without the leans of earlier decisions: what they are worth is the difference."""
 
-ADAPTIVE: Final = replace(COMPACT, name="adaptive", terms=(*COMPACT.terms, "grip", "machine"), unseen=UNSEEN)
-"""Those of `COMPACT`, the inferred grip of the road, for which the reference is planned, and the machine's descriptor.
+ADAPTIVE: Final = replace(COMPACT, name="adaptive", terms=(*COMPACT.terms, "grip", "wind", "machine"), unseen=UNSEEN)
+"""Those of `COMPACT`, the inferred grip of the road, for which the reference is planned, wind, and the machine's
+descriptor.
 
 Where no lap has been, grip is kept in reserve for patches of which nobody tells."""
 

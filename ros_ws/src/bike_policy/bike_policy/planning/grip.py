@@ -6,8 +6,8 @@ of a second is enough. The grip may change with the distance ridden.
 
 The rider changes between plans of the same line: the verified one of the known road, and slower ones for less grip.
 Where the lap before had less grip, it is ridden more slowly from a little ahead on. A careful rider also expects less
-grip where it has not been yet: what a patch takes at full lean, no answer gives back. And it does not drive while the
-handlebars shake.
+grip where it has not been yet: what a patch takes at full lean, no answer gives back. It leans into the wind and keeps
+grip in reserve for it. And it does not drive while the handlebars shake.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from bike_policy.planning.line_law import SEEN, LineLaw, seen_of
 from bike_policy.planning.plan_verification import verified_plan
 from bike_policy.planning.reference import GRIPS, KEPT
 from bike_policy.planning.ride_observer import RideObserver
+from bike_policy.planning.wind_observer import WindObserver
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike import tyres
 from bike_sim.planning.envelope import envelope
@@ -316,6 +317,7 @@ class AdaptiveLaw:
         self._plans: dict[int, GripPlans] = {}
         self._level = np.ones(count)
         self._careful = settings.unseen > 0.0
+        self._wind = WindObserver(vehicle, period, count)
         self._reflex = ShakeReflex(self._careful, period, count)
 
     def plans(self, line: Course) -> GripPlans:
@@ -337,6 +339,7 @@ class AdaptiveLaw:
         self.memory.begin(row, line)
         self.observer.begin(row, line)
         self._level[row] = 1.0
+        self._wind.begin(row)
         self._reflex.begin(row)
 
     def commands(self, rows: VehicleRows, step: int = 0, targets: FloatArray | None = None) -> FloatArray:
@@ -347,11 +350,14 @@ class AdaptiveLaw:
             step: control periods since they began.
             targets: see `LineLaw.commands`.
         """
+        if self._careful:
+            self._wind.update(rows)
         rows = self.observer.observe(rows)
         expected = self.memory.update(rows, self.observer.force_errors)
         # The delay that the observer finds is left out: looking so much farther ahead loses rides that are not lost so.
         grip = np.minimum(self.memory.grip, expected) if self._careful else self.memory.grip
-        commands = self.follow(rows, grip, expected, targets, self.observer.rates)
+        expected, pushes = expected - self._wind.lost, self._wind.push
+        commands = self.follow(rows, grip, expected, targets, self.observer.rates, pushes=pushes)
         self.observer.answered(commands)
         return commands
 
@@ -363,6 +369,7 @@ class AdaptiveLaw:
         targets: FloatArray | None = None,
         rates: FloatArray | None = None,
         delays: FloatArray | None = None,
+        pushes: FloatArray | None = None,
     ) -> FloatArray:
         """Return steering and throttle in [-1, 1] on a grip that is known, shape (n, 2).
 
@@ -373,6 +380,7 @@ class AdaptiveLaw:
             targets: see `LineLaw.commands`.
             rates: see there.
             delays: see there.
+            pushes: see there.
         """
         seen = np.nan_to_num(seen_of(rows.state, rows.look))
         expected = np.where(expected < 1.0 - 0.5 * LEVEL, expected - RESERVE, expected)
@@ -381,18 +389,19 @@ class AdaptiveLaw:
             self.law.change(row, self._plans[row].on(float(level[row])), seen[row])
         self._level = level
         leans = self._leans.at(np.nan_to_num(rows.look[:, SPEED]), grip)
-        return self._reflex.commands(rows, self.law.commands(seen, targets, leans, rates, delays))
+        return self._reflex.commands(rows, self.law.commands(seen, targets, leans, rates, delays, pushes))
 
     def state_dict(self) -> dict[str, Any]:
         """Return what is remembered of the rides, as arrays."""
         law = {"law": self.law.memory.copy(), "level": self._level.copy(), "observer": self.observer.state_dict()}
-        return law | self._reflex.state_dict() | self.memory.state_dict()
+        return law | {"wind": self._wind.state_dict()} | self._reflex.state_dict() | self.memory.state_dict()
 
     def restore(self, stored: Mapping[str, Any]) -> None:
         """Continue from what :meth:`state_dict` returned, after each row has begun again."""
         self.memory.restore(stored)
         self.observer.restore(stored["observer"])
         self._level = stored["level"].copy()
+        self._wind.restore(stored["wind"])
         self._reflex.restore(stored)
         for row in np.flatnonzero(self._level != 1.0).tolist():
             self.law.change(row, self._plans[row].on(float(self._level[row])), stored["law"][row, :SEEN])

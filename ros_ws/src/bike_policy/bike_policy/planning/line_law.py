@@ -212,6 +212,7 @@ class LineLaw:
         leans: FloatArray | None = None,
         rates: FloatArray | None = None,
         delays: FloatArray | None = None,
+        pushes: FloatArray | None = None,
     ) -> FloatArray:
         """Return steering and throttle in [-1, 1], shape (n, 2); the same ones again for a repeated state.
 
@@ -222,12 +223,13 @@ class LineLaw:
             leans: largest lean that each may request, rad, shape (n,); None for that of the settings.
             rates: of the lateral errors, m/s, shape (n,); None or NaN for the differences of states.
             delays: time by which commands are known to act late, s, shape (n,); None for none.
+            pushes: lateral accelerations by wind, positive to the left, m/s^2, shape (n,); None for none.
         """
         targets = np.zeros((len(observed), 2)) if targets is None else targets
         leans = np.full(len(observed), self._law.largest_lean) if leans is None else leans
         rates = np.full(len(observed), np.nan) if rates is None else rates
-        delays = np.zeros(len(observed)) if delays is None else delays
-        _answer(observed, targets, leans, rates, delays, self.memory, self._law, self._tables, self.plans)
+        delays, pushes = (np.zeros(len(observed)) if one is None else one for one in (delays, pushes))
+        _answer(observed, targets, leans, rates, delays, pushes, self.memory, self._law, self._tables, self.plans)
         return self.memory[:, STEERING:OFFSET].copy()
 
     @property
@@ -244,7 +246,7 @@ Tables = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 @njit(cache=True)
 def _answer(
     observed: FloatArray, targets: FloatArray, leans: FloatArray, rates: FloatArray, delays: FloatArray,
-    memory: FloatArray, law: _Law, tables: Tables, plans: Plans,
+    pushes: FloatArray, memory: FloatArray, law: _Law, tables: Tables, plans: Plans,
 ) -> None:  # fmt: skip
     """Write the answer of each ride into the memory, beside what it was the answer to."""
     for row in range(len(observed)):
@@ -258,7 +260,9 @@ def _answer(
         _catch_up(observed[row], memory[row], law, plans, row)
         rate = rates[row] if math.isfinite(rates[row]) else _error_rate(observed[row], memory[row], law)
         delay, lean = delays[row], leans[row]
-        steering = _steer(observed[row], memory[row], law, tables[2], turning, plans, row, lean, rate, delay)
+        steering = _steer(
+            observed[row], memory[row], law, tables[2], turning, plans, row, lean, rate, delay, pushes[row]
+        )
         margin = min(max((lean - abs(steering) * law.max_lean) / LEAN_ROOM, 0.0), 1.0)
         throttle = _throttle(observed[row], memory[row], margin, law, tables, plans, row, delay)
         memory[row, :SEEN] = observed[row]
@@ -422,7 +426,7 @@ def _turning(
 @njit(cache=True)
 def _steer(
     observed: FloatArray, memory: FloatArray, law: _Law, leans: FloatArray, turning: FloatArray, plans: Plans, row: int,
-    largest: float, error_rate: float, delay: float,
+    largest: float, error_rate: float, delay: float, push: float,
 ) -> float:  # fmt: skip
     """Return the steering: the lean that the line will require, and feedback of what is expected by then."""
     w, h, middle, late = law.frequency, law.stencil, law.preview + delay, law.arms + delay
@@ -430,8 +434,8 @@ def _steer(
     now = _wanted(observed, memory, plans, row, middle)
     after = _wanted(observed, memory, plans, row, middle + h)
     ahead = now + (after - before) / (h * w) + (after - 2.0 * now + before) / (h * w) ** 2
-    excess = _turning(observed, memory, law, leans, turning, plans, row, 0.0)
-    then = _turning(observed, memory, law, leans, turning, plans, row, late)
+    excess = _turning(observed, memory, law, leans, turning, plans, row, 0.0) + push
+    then = _turning(observed, memory, law, leans, turning, plans, row, late) + push
     memory[RATE], memory[EXCESS] = error_rate, excess
     # lateral error and its rate when the arms will have answered
     error = observed[LATERAL_ERROR] + late * memory[RATE] + late**2 * (excess / 3.0 + then / 6.0)
@@ -441,7 +445,7 @@ def _steer(
     rate = min(max(rate, -3.0 * law.trust), 3.0 * law.trust)
     p = law.bandwidth * w
     back = -(p**4 * error + 4.0 * p**3 * rate) / w**2 - (6.0 * p**2 / w**2 - 1.0) * then
-    lateral = (ahead + back) / _load(observed, law, plans, row, middle)
+    lateral = (ahead + back - push) / _load(observed, law, plans, row, middle)
     lean = min(_between(abs(lateral), turning, leans), largest)
     return min(max(math.copysign(lean, lateral) / law.max_lean, -1.0), 1.0)
 

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-KEPT: Final = 64
-"""Lines that are kept: a training on three circuits with 21 lines each plans each of them once.
+KEPT: Final = 128
+"""Lines that are kept: a training on three circuits with 21 lines each plans each of them once, one of ten machines on
+a hundred circuits too.
 
 There are more tables where more rows ride on lines of their own."""
 

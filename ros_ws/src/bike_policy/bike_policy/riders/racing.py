@@ -47,6 +47,7 @@ from bike_policy.planning.plan_verification import Rollouts, verified_margin, ve
 from bike_policy.planning.racecraft import guard_targets
 from bike_policy.planning.reference import OPEN, ReferenceRows
 from bike_policy.planning.ride_observer import RideObserver
+from bike_policy.planning.wind_observer import WindObserver
 from bike_policy.riders.rider import LearnedRider
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike.statics import engine_force
@@ -92,6 +93,7 @@ class RaceInterface:
         memory: of the rides.
         references: followed lines of the machines.
         observer: of what is measured; observations and commands are made of what it shows.
+        wind: observer of the wind; None for policies that keep no grip in reserve.
     """
 
     def __init__(
@@ -128,7 +130,9 @@ class RaceInterface:
         adaptive = "grip" in layout.terms
         self._planned = references_of(vehicle, adaptive)
         self._grip = GripMemory(vehicle, period, count, layout.unseen) if adaptive else None
-        self._reflex = ShakeReflex(layout.unseen > 0.0, period, count)
+        careful = layout.unseen > 0.0
+        self.wind = WindObserver(vehicle, period, count) if careful else None
+        self._reflex = ShakeReflex(careful, period, count)
         self._guide = None
         if action.guided and layout.sees_others:  # it rides the plans of the classical riders that it meets
             base = plan or (lambda line: verified_plan(vehicle, line, CLASSICAL_SETTINGS, period))
@@ -147,6 +151,7 @@ class RaceInterface:
             guide=np.zeros((count, 4)),
             vehicle=vehicle_descriptor(vehicle),
             grip=np.ones((count, 3)),
+            push=np.zeros(count) if self.wind is None else self.wind.push,
             references=self.references,
         )
 
@@ -190,6 +195,8 @@ class RaceInterface:
         memory, state = self.memory, rows.state[row]
         memory.rolls[row], memory.steers[row], memory.actions[row] = state[ROLL], state[STEER], 0.0
         self._reflex.begin(row)
+        if self.wind is not None:
+            self.wind.begin(row)
         if self._offset_rate and self._guide is not None:  # it goes to its line from where it is
             self._offsets[row] = self._guide.law.memory[row, ll.OFFSET] = rows.look[row, LATERAL_ERROR]
 
@@ -215,6 +222,8 @@ class RaceInterface:
 
     def commands(self, rows: VehicleRows) -> FloatArray:
         """Return what the actions become in a control period: steering and throttle in [-1, 1], shape (n, 2)."""
+        if self.wind is not None:
+            self.wind.update(rows)
         actions, seen = self.memory.actions[:, 0], self.observer.observe(rows)
         if self._grip is not None:
             self._grip.update(seen, self.observer.force_errors)
@@ -241,6 +250,7 @@ class RaceInterface:
         law = {"observer": self.observer.state_dict()} if self._guide is None else self._guide.state_dict()
         inferred = {"reflex": self._reflex.state_dict()}
         inferred |= {} if self._grip is None else {"inferred": self._grip.state_dict()}
+        inferred |= {} if self.wind is None else {"wind": self.wind.state_dict()}
         own = {"offsets": self._offsets.copy()} if self._offset_rate else {}
         return {name: getattr(self.memory, name).copy() for name in _STORED} | own | law | inferred
 
@@ -254,6 +264,8 @@ class RaceInterface:
             self.observer.restore(stored["observer"])
         else:
             self._guide.restore(stored)
+        if self.wind is not None:
+            self.wind.restore(stored["wind"])
         if self._grip is not None:
             self._grip.restore(stored["inferred"])
             self._show_grip(self._grip)
@@ -261,8 +273,9 @@ class RaceInterface:
 
     def _show_grip(self, inferred: GripMemory) -> None:
         """Plan the reference for the expected grip, and show what is inferred."""
-        self.references.grip[:] = inferred.expected
-        shown = (inferred.expected, inferred.grip, np.sqrt(inferred.variance))
+        expected = inferred.expected if self.wind is None else inferred.expected - self.wind.lost
+        self.references.grip[:] = expected
+        shown = (expected, inferred.grip, np.sqrt(inferred.variance))
         self.memory.grip[:] = np.stack(shown, axis=1)
 
 
