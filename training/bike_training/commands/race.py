@@ -101,8 +101,9 @@ def page_of(recording: Path, race: Race, path: Path) -> Path:
         end = line["end"].replace("_", " ") if line["end"] not in ("finished", "running") else ""
         contacts = [event.time for event in recorded.events if event.kind == TOUCHED and entry.name in event.names]
         racers.append(Racer(entry.name, line["grid"], {name: c[:until] for name, c in columns.items()}, end, contacts))
+    laps = recorded.settings.laps
     figures = RaceFigures(
-        f"{recorded.settings.laps} laps of {recorded.settings.course}", recorded.result["classification"],
+        f"{laps} {'lap' if laps == 1 else 'laps'} of {recorded.settings.course}", recorded.result["classification"],
         [(int(lap), int(sector), str(name), float(gap)) for lap, sector, name, gap in recorded.result["gaps"]],
         [(event.time, event.text) for event in recorded.events], racers, centre, powered,
     )  # fmt: skip

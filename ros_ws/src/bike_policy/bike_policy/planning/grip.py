@@ -339,7 +339,7 @@ class AdaptiveLaw:
         self.memory.begin(row, line)
         self.observer.begin(row, line)
         self._level[row] = 1.0
-        self._wind.begin(row)
+        self._wind.begin(row, line)
         self._reflex.begin(row)
 
     def commands(self, rows: VehicleRows, step: int = 0, targets: FloatArray | None = None) -> FloatArray:

@@ -196,7 +196,7 @@ class RaceInterface:
         memory.rolls[row], memory.steers[row], memory.actions[row] = state[ROLL], state[STEER], 0.0
         self._reflex.begin(row)
         if self.wind is not None:
-            self.wind.begin(row)
+            self.wind.begin(row, line)
         if self._offset_rate and self._guide is not None:  # it goes to its line from where it is
             self._offsets[row] = self._guide.law.memory[row, ll.OFFSET] = rows.look[row, LATERAL_ERROR]
 
