@@ -18,7 +18,7 @@ from bike_policy.contract.observation import (
     RideMemory,
     Rows,
 )
-from bike_policy.planning.reference import GRIPS, KEPT, OPEN, Reference, ReferenceRows
+from bike_policy.planning.reference import GRIPS, KEPT, OPEN, LineTable, ReferenceRows
 from bike_policy.riders.racing import RaceInterface
 from bike_sim.schema import LOOK, OPPONENT, SIGNALS, STATE
 from bike_sim.vehicles.files import load_vehicle
@@ -61,7 +61,7 @@ def reference(seed=0, sign=1.0):
     rng = np.random.default_rng(seed)
     curvature, speed = sign * 0.01 * rng.normal(size=501), rng.uniform(15.0, 80.0, 501)
     curvature[-1], speed[-1] = curvature[0], speed[0]
-    return Reference(5.0, np.stack((curvature, speed), axis=1))
+    return LineTable(5.0, np.stack((curvature, speed), axis=1))
 
 
 def memory_of(layout, rows, sign=1.0, actions=()):
@@ -183,7 +183,7 @@ def test_however_many_lines_come_and_go_each_row_sees_its_own(seed):
     rng = np.random.default_rng(seed)
     rows, count = ReferenceRows(3), 2 * KEPT
     lines = [
-        Reference(5.0, np.tile((float(k), 1.0 + k), (size, 1))) for k, size in enumerate(rng.integers(3, 50, count))
+        LineTable(5.0, np.tile((float(k), 1.0 + k), (size, 1))) for k, size in enumerate(rng.integers(3, 50, count))
     ]
     followed = [0, 1, 2]
     for row in range(3):

@@ -316,9 +316,9 @@ class AdaptiveLaw:
         self._planned = lru_cache(maxsize=KEPT)(lambda line: GripPlans(vehicle, line, known, plan(line)))
         self._plans: dict[int, GripPlans] = {}
         self._level = np.ones(count)
-        self._careful = settings.unseen > 0.0
-        self._wind = WindObserver(vehicle, period, count)
-        self._reflex = ShakeReflex(self._careful, period, count)
+        careful = settings.unseen > 0.0
+        self._wind = WindObserver(vehicle, period, count) if careful else None
+        self._reflex = ShakeReflex(careful, period, count)
 
     def plans(self, line: Course) -> GripPlans:
         """Return the plans of a line, made once for the same object.
@@ -339,7 +339,8 @@ class AdaptiveLaw:
         self.memory.begin(row, line)
         self.observer.begin(row, line)
         self._level[row] = 1.0
-        self._wind.begin(row, line)
+        if self._wind is not None:
+            self._wind.begin(row, line)
         self._reflex.begin(row)
 
     def commands(self, rows: VehicleRows, step: int = 0, targets: FloatArray | None = None) -> FloatArray:
@@ -350,13 +351,13 @@ class AdaptiveLaw:
             step: control periods since they began.
             targets: see `LineLaw.commands`.
         """
-        if self._careful:
-            self._wind.update(rows)
-        rows = self.observer.observe(rows)
-        expected = self.memory.update(rows, self.observer.force_errors)
+        measured, rows = rows, self.observer.observe(rows)
+        expected, pushes = self.memory.update(rows, self.observer.force_errors), None
+        grip = self.memory.grip
+        if self._wind is not None:
+            self._wind.update(measured)
+            grip, expected, pushes = np.minimum(grip, expected), expected - self._wind.lost, self._wind.push
         # The delay that the observer finds is left out: looking so much farther ahead loses rides that are not lost so.
-        grip = np.minimum(self.memory.grip, expected) if self._careful else self.memory.grip
-        expected, pushes = expected - self._wind.lost, self._wind.push
         commands = self.follow(rows, grip, expected, targets, self.observer.rates, pushes=pushes)
         self.observer.answered(commands)
         return commands
@@ -394,14 +395,16 @@ class AdaptiveLaw:
     def state_dict(self) -> dict[str, Any]:
         """Return what is remembered of the rides, as arrays."""
         law = {"law": self.law.memory.copy(), "level": self._level.copy(), "observer": self.observer.state_dict()}
-        return law | {"wind": self._wind.state_dict()} | self._reflex.state_dict() | self.memory.state_dict()
+        law |= {} if self._wind is None else {"wind": self._wind.state_dict()}
+        return law | self._reflex.state_dict() | self.memory.state_dict()
 
     def restore(self, stored: Mapping[str, Any]) -> None:
         """Continue from what :meth:`state_dict` returned, after each row has begun again."""
         self.memory.restore(stored)
         self.observer.restore(stored["observer"])
         self._level = stored["level"].copy()
-        self._wind.restore(stored["wind"])
+        if self._wind is not None:
+            self._wind.restore(stored["wind"])
         self._reflex.restore(stored)
         for row in np.flatnonzero(self._level != 1.0).tolist():
             self.law.change(row, self._plans[row].on(float(self._level[row])), stored["law"][row, :SEEN])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.observation import UNSEEN
-from bike_policy.planning.reference import GRIPS, KEPT, Reference
+from bike_policy.planning.reference import GRIPS, KEPT, LineTable
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike.statics import steady_lateral
 from bike_sim.planning.envelope import Envelope, envelope, left_by_turning
@@ -254,7 +254,7 @@ def on_grip(vehicle: Superbike, grip: float) -> Superbike:
     return vehicle.scaled(dict.fromkeys(("front_tyre.friction", "rear_tyre.friction"), grip))
 
 
-def references_of(vehicle: Superbike, adaptive: bool = False) -> Callable[[Course], Reference]:
+def references_of(vehicle: Superbike, adaptive: bool = False) -> Callable[[Course], LineTable]:
     """Return references of a machine by line, each planned once.
 
     Args:
@@ -265,11 +265,11 @@ def references_of(vehicle: Superbike, adaptive: bool = False) -> Callable[[Cours
     settings = CLASSICAL_SETTINGS if adaptive else REFERENCE
 
     @lru_cache(maxsize=KEPT)
-    def reference(line: Course) -> Reference:
+    def reference(line: Course) -> LineTable:
         profile = plan_lap(vehicle, line, settings)
         columns = [smooth_curvature(profile, settings.smoothing), profile.speed]
         for grip in GRIPS[1:] if adaptive else ():
             columns.append(plan_lap(on_grip(vehicle, grip), line, settings, columns[-1][:-1]).speed)
-        return Reference(float(profile.s[1]), np.stack(columns, axis=1))
+        return LineTable(float(profile.s[1]), np.stack(columns, axis=1))
 
     return reference

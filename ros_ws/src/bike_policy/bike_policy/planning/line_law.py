@@ -235,8 +235,7 @@ class LineLaw:
     @property
     def plans(self) -> Plans:
         """The plans of all rides as compiled code reads them."""
-        lines = self._lines
-        return lines.samples, lines.offset, lines.last, lines.spacing
+        return self._lines.plans
 
 
 Tables = tuple[FloatArray, FloatArray, FloatArray, FloatArray]

@@ -29,17 +29,23 @@ OPEN: Final = 1000.0
 """Speed limit of a ride without one, m/s: finite, so that it passes through every file and message."""
 
 
-class Reference(NamedTuple):
-    """A closed followed line, sampled evenly; the last sample repeats the first.
+class LineTable(NamedTuple):
+    """Columns along a closed line, sampled evenly; the last sample repeats the first.
+
+    Those of a reference are curvature (1/m, positive turning left), planned speed on the known road (m/s) and, where
+    references follow the inferred grip, on each of `GRIPS` but the first.
 
     Attributes:
         spacing: distance of the samples, m.
-        table: curvature (1/m, positive turning left), planned speed on the known road (m/s) and, where references
-            follow the inferred grip, on each of `GRIPS` but the first, shape (samples, columns).
+        table: shape (samples, columns).
     """
 
     spacing: float
     table: FloatArray
+
+
+Plans = tuple[FloatArray, NDArray[np.int64], NDArray[np.int64], FloatArray]
+"""Tables of all lines, and of each ride its first row in them, its number of intervals less one, and their length."""
 
 
 class LineTables:
@@ -64,7 +70,7 @@ class LineTables:
         self._followed: dict[int, int] = {}
 
     def begin(self, row: int, line: Any) -> None:
-        """Let a row follow a line from now on, which has ``spacing`` and ``table`` as a `Reference`."""
+        """Let a row follow a line from now on, which has ``spacing`` and ``table`` as a `LineTable`."""
         key = id(line)
         known = self._lines.pop(key, None)
         self._lines[key] = line  # at the end: the first is the one that was not asked for the longest
@@ -72,6 +78,11 @@ class LineTables:
         if known is None:
             self._lay()
         self.offset[row], self.last[row], self.spacing[row] = self._first[key], len(line.table) - 2, line.spacing
+
+    @property
+    def plans(self) -> Plans:
+        """The tables of all rows as compiled code reads them."""
+        return self.samples, self.offset, self.last, self.spacing
 
     def _lay(self) -> None:
         """Lay all tables anew, without those beyond `KEPT` that no row follows."""
@@ -85,10 +96,6 @@ class LineTables:
         self._first = dict(zip(self._lines, places, strict=False))
         for row, key in self._followed.items():
             self.offset[row] = self._first[key]
-
-
-Plans = tuple[FloatArray, NDArray[np.int64], NDArray[np.int64], FloatArray]
-"""Tables of all lines, and of each ride its first row in them, its number of intervals less one, and their length."""
 
 
 @njit(cache=True)
@@ -125,7 +132,7 @@ class ReferenceRows:
         self._adaptive = adaptive
         self.lines = LineTables(count, (0.0, *np.ones(len(GRIPS) if adaptive else 1)))
 
-    def begin(self, row: int, reference: Reference, share: float = 1.0, cap: float = OPEN) -> None:
+    def begin(self, row: int, reference: LineTable, share: float = 1.0, cap: float = OPEN) -> None:
         """Let a row follow a line from now on.
 
         Args:
@@ -150,9 +157,7 @@ class ReferenceRows:
         """
         many = np.ascontiguousarray(progress).reshape(len(progress), -1)
         curvature, speed = np.empty(many.shape), np.empty(many.shape)
-        lines = self.lines
-        tables = lines.samples, lines.offset, lines.last, lines.spacing
-        _look_up(many, tables, self.share, self.cap, self.grip, self._adaptive, curvature, speed)
+        _look_up(many, self.lines.plans, self.share, self.cap, self.grip, self._adaptive, curvature, speed)
         return curvature.reshape(progress.shape), speed.reshape(progress.shape)
 
 

@@ -23,14 +23,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from bike_policy.contract.observation import Rows, VehicleRows
-from bike_policy.planning.reference import KEPT, LineTables, Plans, plan_at
+from bike_policy.planning.reference import KEPT, LineTable, LineTables, Plans, plan_at
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike import tyres
 from bike_sim.schema import LIMITS, LOOK, SIGNALS, STATE
@@ -130,13 +130,6 @@ _CURVATURE_OF, _CREST_OF = 0, 1
 """Columns of a line's table."""
 
 
-class _Line(NamedTuple):
-    """Curvature and crest of a followed line for `LineTables`, 1/m."""
-
-    spacing: float
-    table: FloatArray
-
-
 class RideObserver:
     """Observes rides of superbikes side by side; see the module.
 
@@ -160,7 +153,7 @@ class RideObserver:
         self._lines, self.force_errors = LineTables(count, (0.0, 0.0)), np.full(count, FORCE_ERROR)
         self._centre = vehicle.com_x, vehicle.com_height
         self._line = lru_cache(maxsize=KEPT)(
-            lambda line: _Line(float(line.s[1]), np.stack((line.curvature, line.crest), axis=1))
+            lambda line: LineTable(float(line.s[1]), np.stack((line.curvature, line.crest), axis=1))
         )
         self.memory = np.zeros(count, dtype=MEMORY)
         self.rates, self.delays = np.full(count, np.nan), np.zeros(count)
@@ -174,8 +167,7 @@ class RideObserver:
 
     def observe(self, rows: VehicleRows) -> VehicleRows:
         """Take in a control instant and return what the rider is shown; the same again for the same rows."""
-        lines, memory = self._lines, self.memory
-        tables = lines.samples, lines.offset, lines.last, lines.spacing
+        memory, tables = self.memory, self._lines.plans
         seen = rows.state, rows.look, rows.signals
         found = self.rates, self.delays, self.force_errors
         if not _observe(*seen, memory, self._period, self._lags, self._centre, tables, *found):
@@ -223,9 +215,8 @@ class RideObserver:
         points, preview = rows.points, rows.preview_y
         if old.any():
             points, preview = points.copy(), preview.copy()
-            lines = self._lines
+            table = self._lines.plans
             for row in np.flatnonzero(old).tolist():
-                table = (lines.samples, lines.offset, lines.last, lines.spacing)
                 look[row, _CURVATURE_SHOWN] = plan_at(table, row, _CURVATURE_OF, look[row, _SHOWN[0]])
                 ahead, aside = memory["ahead"][row], memory["aside"][row]
                 cos, sin = math.cos(memory["turned"][row]), math.sin(memory["turned"][row])

@@ -11,14 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from bike_policy.contract.observation import VehicleRows
-from bike_policy.planning.reference import KEPT, LineTables, Plans, plan_at
+from bike_policy.planning.reference import KEPT, LineTable, LineTables, Plans, plan_at
 from bike_sim.course.course import Course
 from bike_sim.schema import LOOK, SIGNALS, STATE
 from bike_sim.vehicles.superbike import Superbike
@@ -48,13 +48,6 @@ _SPEED, _PROGRESS, _ROLL, _YAW = (*map(LOOK.index, ("speed", "progress")), *map(
 _LONG, _REAR, _FRONT = map(SIGNALS.index, ("acceleration_long", "rear_force_long", "front_force_long"))
 
 
-class _Line(NamedTuple):
-    """Grade of a followed line for `LineTables`, rise of the road per m."""
-
-    spacing: float
-    table: FloatArray
-
-
 class WindObserver:
     """The wind that machines side by side ride in, by an extended Kalman filter of the drag.
 
@@ -75,7 +68,7 @@ class WindObserver:
         air, drag = vehicle.air, 0.5 * vehicle.air.density * vehicle.air.drag_area / vehicle.mass
         self._facts = drag, vehicle.mass, vehicle.g, drag * air.height / vehicle.com_height, period
         self._lines = LineTables(count, (0.0,))
-        self._line = lru_cache(maxsize=KEPT)(lambda line: _Line(float(line.s[1]), line.grade[:, None]))
+        self._line = lru_cache(maxsize=KEPT)(lambda line: LineTable(float(line.s[1]), line.grade[:, None]))
         self.push, self.lost = np.zeros(count), np.zeros(count)
         self._found = np.zeros((count, 3))
         self._covariance = np.tile(np.diag(np.square(FIRST)), (count, 1, 1))
@@ -89,11 +82,9 @@ class WindObserver:
 
     def update(self, rows: VehicleRows) -> None:
         """Take in a control instant as it is measured; the same rows again change nothing."""
-        lines = self._lines
-        grades = lines.samples, lines.offset, lines.last, lines.spacing
         _update(
-            rows.state, rows.look, rows.signals, grades, self._found, self._covariance, self._seen, self.push,
-            self.lost, self._facts,
+            rows.state, rows.look, rows.signals, self._lines.plans, self._found, self._covariance, self._seen,
+            self.push, self.lost, self._facts,
         )  # fmt: skip
 
     def state_dict(self) -> dict[str, FloatArray]:
