@@ -55,6 +55,8 @@ NO_PLAN: Final = {
     "learner.mirror": False,
 }
 """No planned speed in reward or observation, no distance to a line in the reward, starts at the start line."""
+PUBLISHED: Final = {"preset": "race_paper", "learner": "sbx"}
+"""The published learner as well, which is that of Stable-Baselines3, by its sibling in JAX: on a GPU, where one is."""
 CURRICULA: Final[Mapping[str, Mapping[str, Any]]] = {
     "spdl": {"curriculum": "spdl", "curriculum.threshold": SPDL_THRESHOLD},
     "sac": {"curriculum": "target"},
@@ -64,6 +66,8 @@ CURRICULA: Final[Mapping[str, Mapping[str, Any]]] = {
     "spdl600": {"curriculum": "spdl", "curriculum.threshold": 600.0},
     "plain-spdl": {"curriculum": "spdl", "curriculum.threshold": SPDL_THRESHOLD} | NO_PLAN,
     "plain-sac": {"curriculum": "target"} | NO_PLAN,
+    "published-spdl": {"curriculum": "spdl", "curriculum.threshold": SPDL_THRESHOLD} | PUBLISHED,
+    "published-sac": {"curriculum": "target"} | PUBLISHED,
     "swings": {
         "curriculum": "target",
         "task.weights": {**RACE_WEIGHTS, "steer_history": 0.5, "lean_history": 0.5},
@@ -80,7 +84,7 @@ CURRICULA: Final[Mapping[str, Mapping[str, Any]]] = {
 """Settings by the first part of a setting's name: all arms draw from SPDL's target in the end. The first two are the
 paper's. ``schedule`` moves to the target whatever the returns are: what self-pacing adds is the difference from it;
 ``stages`` jumps there in four. Those called plain have the paper's observation, and its speed limit in place of a
-planned speed. The others are ``sac`` with one thing changed."""
+planned speed; those called published its learner too. The others are ``sac`` with one thing changed."""
 EARLY: Final = 1150 / 1900
 """The paper's early snapshot as a part of its run (Table I)."""
 PRESET: Final = "race_direct"
@@ -142,7 +146,6 @@ class SuperbikeExperiment(Experiment):
         }
         return {
             "vehicle": MACHINE,
-            "preset": PRESET,
             "steps": self.steps,
             "keep_every": self.early,
             "checkpoint_every": max(RunSettings.checkpoint_every, self.steps // CHECKPOINTS),
@@ -156,8 +159,9 @@ class SuperbikeExperiment(Experiment):
             curriculum["curriculum.threshold"] = self.threshold
         if curriculum["curriculum"] == "schedule":
             curriculum["curriculum.schedule"] = max(1, self.steps // 2)
-        circuits = [circuit_of(setting)]
-        return {"set": curriculum | {"curriculum.circuits": circuits, "curriculum.iteration": self.iteration}}
+        preset = curriculum.pop("preset", PRESET)
+        circuits = {"curriculum.circuits": [circuit_of(setting)], "curriculum.iteration": self.iteration}
+        return {"preset": preset, "set": curriculum | circuits}
 
 
 QUICK: Final = SuperbikeExperiment(
