@@ -24,10 +24,10 @@ from bike_sim.planning.envelope import envelope
 from bike_sim.recording.mcap_file import McapFile
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig, superbike_config
-from bike_sim.sim.disturbances import load_disturbances
 from bike_sim.sim.race import Race, RaceSettings, entries_of
 from bike_sim.sim.request import COURSE_POINTS, Preview, ResetRequest
 from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.worlds import load_disturbances
 from bike_sim.vehicles.files import load_superbike
 from bike_sim.vehicles.superbike import Superbike
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bike_policy.contract.bundle import load_bundle
-from bike_policy.riders.rider import LearnedRider
+from bike_policy.riders.base import LearnedRider
 from bike_training.arguments import seeds_of
 from bike_training.cli import main
 from bike_training.learning.presets import load_preset

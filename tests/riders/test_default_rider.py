@@ -6,7 +6,8 @@ import pytest
 
 from bike_policy.contract.bundle import DEFAULT_POLICY, DEFAULT_RACER
 from bike_policy.riders import rider as riders
-from bike_policy.riders.rider import DEFAULT, bundle_of, default_name, make_rider
+from bike_policy.riders.base import bundle_of
+from bike_policy.riders.rider import DEFAULT, default_name, make_rider
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator

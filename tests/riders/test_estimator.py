@@ -14,10 +14,11 @@ from bike_policy.riders.lqr import LqrRider
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.disturbances import Disturbances, RawSensors, load_disturbances, read_disturbances
+from bike_sim.sim.disturbances import Disturbances, RawSensors, read_disturbances
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.sensors import GRAVITY, BicycleSensors, from_geodetic, to_geodetic
 from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.worlds import load_disturbances
 from bike_sim.vehicles.files import load_superbike, load_vehicle
 from bike_training.rollout.rollout import rollout
 

@@ -8,16 +8,18 @@ import numpy as np
 import pytest
 
 from bike_policy.contract.bundle import DEFAULT_POLICY
+from bike_policy.riders.base import bundle_of
 from bike_policy.riders.disturbed import DisturbedRider
 from bike_policy.riders.observer import ObservedRider, Observer
-from bike_policy.riders.rider import bundle_of, make_rider
+from bike_policy.riders.rider import make_rider
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
 from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.disturbances import Disturbances, load_disturbances
+from bike_sim.sim.disturbances import Disturbances
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import Snapshot
+from bike_sim.sim.worlds import load_disturbances
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.rollout.rollout import rollout
 

@@ -9,8 +9,8 @@ import pytest
 from bike_policy.contract.bundle import load_bundle, shipped_policies
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.riders.wheel_to_wheel import CLASSICAL, unverified_plan
-from bike_sim.sim.disturbances import load_disturbances
 from bike_sim.sim.race import Entry, Race, RaceSettings
+from bike_sim.sim.worlds import load_disturbances
 from bike_training.rollout.races import ride_races
 from tests.circuits import ridden
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from bike_policy.contract.bundle import Actor, load_bundle, shipped_policies
-from bike_policy.riders.rider import LearnedRider, make_rider
+from bike_policy.riders.base import LearnedRider
+from bike_policy.riders.rider import make_rider
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.simulator import Simulator
 from bike_training.rollout.stability import _slopes_at_rest, deviations, is_stable, settle, stability

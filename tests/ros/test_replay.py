@@ -17,9 +17,9 @@ from bike_sim.physics import state as st
 from bike_sim.physics.superbike.engine import TIME_STEP
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.disturbances import load_disturbances
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.worlds import load_disturbances
 from bike_training.curricula.parts import PartsCurriculum
 from bike_training.envs.env import BikeEnv
 from bike_training.explain.observations import read_observations

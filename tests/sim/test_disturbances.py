@@ -20,20 +20,12 @@ from bike_sim.physics.ground import GROUND
 from bike_sim.sim import look as lk
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.disturbances import (
-    NO_CHANGES,
-    Disturbances,
-    Impulses,
-    RoadChanges,
-    Wind,
-    load_disturbances,
-    read_disturbances,
-    shipped_disturbances,
-)
+from bike_sim.sim.disturbances import NO_CHANGES, Disturbances, Impulses, RoadChanges, Wind, read_disturbances
 from bike_sim.sim.followed_line import FollowedLine
 from bike_sim.sim.ground import GRIP, lay_ground
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.worlds import load_disturbances, shipped_disturbances
 from bike_sim.vehicles.files import load_superbike, load_vehicle, shipped_superbikes
 from bike_training.rollout.rollout import rollout
 

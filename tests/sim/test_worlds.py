@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bike_sim.sim.disturbances import load_disturbances, read_disturbances
-from bike_sim.sim.worlds import GRIP, JUDGED, PATCH_GRIP, draw_world, load_worlds
+from bike_sim.sim.disturbances import read_disturbances
+from bike_sim.sim.worlds import GRIP, JUDGED, PATCH_GRIP, draw_world, load_disturbances, load_worlds
 from bike_sim.vehicles.files import load_superbike
 
 

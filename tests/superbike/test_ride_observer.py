@@ -17,8 +17,9 @@ from bike_policy.riders.instruments import Instruments
 from bike_sim.schema import LOOK, SIGNALS, STATE
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.disturbances import Disturbances, load_disturbances
+from bike_sim.sim.disturbances import Disturbances
 from bike_sim.sim.request import ResetRequest
+from bike_sim.sim.worlds import load_disturbances
 from bike_sim.vehicles.superbike import Superbike
 
 CONFIG = SimulatorConfig("panigale_v4r", "compiled", 0.002, 0.02)

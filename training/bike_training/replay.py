@@ -22,7 +22,7 @@ from bike_analysis.read.columns import ColumnReader, MessageSchema, SchemaError
 from bike_analysis.read.container import Container, RecordingError, find_files
 from bike_analysis.read.reading import Recording, read_recording
 from bike_policy.contract.observation import rows_of
-from bike_policy.riders.rider import Rider
+from bike_policy.riders.base import Rider
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
@@ -389,7 +389,7 @@ class RecordedCommands:
         self._commands = list(zip(steering.tolist(), throttle.tolist(), strict=True))
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
-        """Need nothing; see `bike_policy.riders.rider.Rider`."""
+        """Need nothing; see `bike_policy.riders.base.Rider`."""
 
     def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
         """Return the recorded command of the step."""

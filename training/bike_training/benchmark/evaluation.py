@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.planning.plan_verification import BatchRider
+from bike_policy.riders.base import Rider, bundle_of
 from bike_policy.riders.classical import CLASSICAL
 from bike_policy.riders.disturbed import DisturbedRider
-from bike_policy.riders.rider import Rider, bundle_of, make_rider
+from bike_policy.riders.rider import make_rider
 from bike_sim.documents import DocumentError, alternatives, show
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.disturbances import Disturbances

@@ -14,16 +14,18 @@ import numpy as np
 
 from bike_analysis.figures.cells import lines_of, table_text
 from bike_policy.contract.bundle import DEFAULT_RACER, load_bundle
+from bike_policy.riders.base import Rider, bundle_of
 from bike_policy.riders.classical import SETTINGS
 from bike_policy.riders.disturbed import DisturbedRider
 from bike_policy.riders.instruments import Instruments
-from bike_policy.riders.rider import Rider, bundle_of, default_name, make_rider
+from bike_policy.riders.rider import default_name, make_rider
 from bike_sim.course.files import load_course
 from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.disturbances import Disturbances, load_disturbances
+from bike_sim.sim.disturbances import Disturbances
 from bike_sim.sim.plant import ridden_superbike
 from bike_sim.sim.request import ResetRequest
 from bike_sim.sim.simulator import Simulator
+from bike_sim.sim.worlds import load_disturbances
 from bike_sim.vehicles.files import load_superbike, load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole, make_folder

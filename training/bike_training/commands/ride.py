@@ -16,7 +16,8 @@ from bike_analysis.figures.cells import table_text
 from bike_analysis.figures.circuit import Machine, Theory
 from bike_analysis.figures.numbers import lap_text
 from bike_analysis.report import analyze, analyze_laps
-from bike_policy.riders.rider import Rider, bundle_of, make_rider
+from bike_policy.riders.base import Rider, bundle_of
+from bike_policy.riders.rider import make_rider
 from bike_sim.course.files import load_course, shipped_tracks
 from bike_sim.physics.engines import check_superbike_engine
 from bike_sim.planning.envelope import Envelope, envelope
@@ -24,8 +25,8 @@ from bike_sim.planning.lap_limit import lap_limit
 from bike_sim.planning.line_cache import track_with_line
 from bike_sim.ros.isolation import DomainLease
 from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.disturbances import load_disturbances
 from bike_sim.sim.snapshot import Snapshot
+from bike_sim.sim.worlds import load_disturbances
 from bike_sim.vehicles.files import load_vehicle, shipped_superbikes
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole, recording_folder

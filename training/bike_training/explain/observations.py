@@ -54,7 +54,7 @@ def policy_of(notes: dict[str, str], recording: Path) -> str:
 
 
 class Onlooker:
-    """A policy that sees a ride which other commands ride; implements `bike_policy.riders.rider.Rider`.
+    """A policy that sees a ride which other commands ride; implements `bike_policy.riders.base.Rider`.
 
     Attributes:
         steps: control steps at which it decided.

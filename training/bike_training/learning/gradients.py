@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 
 from bike_policy.contract.bundle import Actor, Bundle, load_bundle
 from bike_policy.contract.observation import ObservationLayout
-from bike_policy.riders.rider import LearnedRider
+from bike_policy.riders.base import LearnedRider
 from bike_sim.course.random_courses import PathRanges
 from bike_sim.sim.batch import Batch
 from bike_sim.sim.request import ResetRequest

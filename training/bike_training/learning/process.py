@@ -24,7 +24,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
 from bike_policy.contract.bundle import Actor, Bundle
-from bike_policy.riders.rider import LearnedRider
+from bike_policy.riders.base import LearnedRider
 from bike_sim.sim.request import ResetRequest
 from bike_sim.vehicles.files import load_vehicle
 from bike_training.arguments import write_whole

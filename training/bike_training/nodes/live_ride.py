@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Final, Protocol
 
 from bike_analysis.read.messages import Simulation
-from bike_policy.riders.rider import Rider
+from bike_policy.riders.base import Rider
 from bike_policy.riders.stanley import HANDS, ManualRider
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st

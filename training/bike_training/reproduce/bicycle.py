@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from bike_policy.contract.bundle import Bundle, load_bundle
 from bike_policy.contract.observation import rows_of
-from bike_policy.riders.rider import LearnedRider, Rider, make_rider
+from bike_policy.riders.base import LearnedRider, Rider
+from bike_policy.riders.rider import make_rider
 from bike_sim.course.elements import Arc, Element
 from bike_sim.course.files import load_course
 from bike_sim.course.random_courses import CURRICULUM_PATHS, random_elements

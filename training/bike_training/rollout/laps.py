@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bike_policy.riders.base import Rider
 from bike_policy.riders.classical import ClassicalRider
-from bike_policy.riders.rider import Rider
 from bike_sim.course.track import Track
 from bike_sim.physics import state as st
 from bike_sim.physics.engines import SUPERBIKE_ENGINES

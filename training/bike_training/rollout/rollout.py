@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.observation import rows_of
-from bike_policy.riders.rider import Rider
+from bike_policy.riders.base import Rider
 from bike_sim.course.course import Course
 from bike_sim.course.finish import Finish, up_to_finish
 from bike_sim.physics.state import ROLL, STEER, STEER_RATE, X, Y

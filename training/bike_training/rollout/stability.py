@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.riders.rider import Rider
+from bike_policy.riders.base import Rider
 from bike_sim.course.course import Course
 from bike_sim.course.projection import point_at
 from bike_sim.physics import state as st

@@ -21,7 +21,8 @@ from bike_msgs.msg import BikeState, Opponents
 from bike_msgs.msg import Course as CourseMessage
 from numpy.typing import NDArray
 
-from bike_policy.riders.rider import DEFAULT, Rider, bundle_of, check_race, grip_of, infers_grip, make_rider
+from bike_policy.riders.base import Rider, bundle_of, grip_of, infers_grip
+from bike_policy.riders.rider import DEFAULT, check_race, make_rider
 from bike_sim.course.course import Course
 from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import ANY_EPISODE, Command
@@ -36,7 +37,7 @@ from bike_sim.ros.messages import (
 from bike_sim.ros.node_tools import CannotGoOn, ParameterSpec
 from bike_sim.ros.subscriptions import subscribe
 from bike_sim.ros.topics import publisher
-from bike_sim.sim.disturbances import load_disturbances
+from bike_sim.sim.worlds import load_disturbances
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle
 

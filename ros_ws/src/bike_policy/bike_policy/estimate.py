@@ -25,9 +25,9 @@ from bike_sim.ros.node_tools import NANOSECONDS, CannotGoOn, ParameterSpec
 from bike_sim.ros.standard_messages import ENCODERS
 from bike_sim.ros.subscriptions import subscribe
 from bike_sim.ros.topics import publisher
-from bike_sim.sim.disturbances import load_disturbances
 from bike_sim.sim.request import Preview
 from bike_sim.sim.sensors import DATUM, Fix, Measurement, from_geodetic
+from bike_sim.sim.worlds import load_disturbances
 from bike_sim.vehicles.files import load_vehicle
 
 _PREVIEW = Preview()

@@ -51,7 +51,7 @@ SETTINGS: Final = {CLASSICAL: CLASSICAL_SETTINGS, CAREFUL: CAREFUL_SETTINGS}
 
 
 class ClassicalRider:
-    """The classical rider of superbikes; implements `bike_policy.riders.rider.Rider`.
+    """The classical rider of superbikes; implements `bike_policy.riders.base.Rider`.
 
     Where its snapshots show others, it races them by rule (`bike_policy.planning.racecraft`).
 

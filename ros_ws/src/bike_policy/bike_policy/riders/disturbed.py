@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.observation import rows_of
+from bike_policy.riders.base import Rider
 from bike_policy.riders.estimator import Estimator
 from bike_policy.riders.instruments import SENSORS, CommandQueue, Instruments
-from bike_policy.riders.rider import Rider
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
 from bike_sim.sim import look as lk
@@ -30,7 +30,7 @@ FloatArray = NDArray[np.float64]
 
 
 class DisturbedRider:
-    """A rider that sees late and with errors, and whose commands act late; implements `bike_policy.riders.rider.Rider`.
+    """A rider that sees late and with errors, and whose commands act late; implements `bike_policy.riders.base.Rider`.
 
     Until the first command has arrived, the set point is straight ahead.
 

@@ -204,7 +204,7 @@ _Design = TypeVar("_Design")
 
 
 class BicycleRider:
-    """Part of `bike_policy.riders.rider.Rider`: begins rides on bicycles, and keeps designs as long as they hold."""
+    """Part of `bike_policy.riders.base.Rider`: begins rides on bicycles, and keeps designs as long as they hold."""
 
     name: str
     preview: Preview | None = None
@@ -238,7 +238,7 @@ class BicycleRider:
 
 
 class LqrRider(BicycleRider):
-    """Rides a bicycle along any line; implements `bike_policy.riders.rider.Rider`."""
+    """Rides a bicycle along any line; implements `bike_policy.riders.base.Rider`."""
 
     name = "lqr"
 

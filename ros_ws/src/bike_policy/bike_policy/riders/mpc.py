@@ -135,7 +135,7 @@ def programme(vehicle: Vehicle, speed: float, period: float, weights: LqrSetting
 
 
 class MpcRider(LqrRider):
-    """Rides a bicycle along any line within limits; implements `bike_policy.riders.rider.Rider`."""
+    """Rides a bicycle along any line within limits; implements `bike_policy.riders.base.Rider`."""
 
     name = "mpc"
 

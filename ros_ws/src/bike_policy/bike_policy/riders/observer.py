@@ -22,7 +22,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.riders.rider import Rider
+from bike_policy.riders.base import Rider
 from bike_sim.course.course import Course
 from bike_sim.physics import state as st
 from bike_sim.physics.bicycle.whipple import advance

@@ -191,7 +191,7 @@ class LapLaw:
 
 
 class OptimumRider:
-    """Rides the best lap found of a machine on a circuit; implements `bike_policy.riders.rider.Rider`.
+    """Rides the best lap found of a machine on a circuit; implements `bike_policy.riders.base.Rider`.
 
     Attributes:
         lap: that is ridden; None before the first ride of one that is shipped.

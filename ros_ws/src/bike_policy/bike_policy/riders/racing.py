@@ -48,7 +48,7 @@ from bike_policy.planning.racecraft import guard_targets
 from bike_policy.planning.reference import OPEN, ReferenceRows
 from bike_policy.planning.ride_observer import RideObserver
 from bike_policy.planning.wind_observer import WindObserver
-from bike_policy.riders.rider import LearnedRider
+from bike_policy.riders.base import LearnedRider
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike.statics import engine_force
 from bike_sim.sim.request import Preview
@@ -349,7 +349,7 @@ def verified_for(bundle: Bundle, vehicle: Vehicle, line: Course, period: float) 
 
 
 class RacingRider(LearnedRider):
-    """A racing policy as the rider of one machine; implements `bike_policy.riders.rider.Rider`.
+    """A racing policy as the rider of one machine; implements `bike_policy.riders.base.Rider`.
 
     It decides at the steps that are multiples of the layout's ``repeat``, counted from the reset, and remembers what it
     has decided. Where states are lost, or the rider is started in the middle of a ride, it decides at once: memory

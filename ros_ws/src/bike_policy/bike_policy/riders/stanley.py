@@ -82,7 +82,7 @@ class Loop(NamedTuple):
 
 
 class StanleyRider(BicycleRider):
-    """Rides a bicycle along any line; implements `bike_policy.riders.rider.Rider`."""
+    """Rides a bicycle along any line; implements `bike_policy.riders.base.Rider`."""
 
     name = "stanley"
     _settings = StanleySettings()
@@ -147,7 +147,7 @@ def balance(vehicle: Vehicle, speed: float, period: float, settings: StanleySett
 
 
 class ManualRider(StanleyRider):
-    """Follows manual commands from keys, screen or gamepad; implements `bike_policy.riders.rider.Rider`.
+    """Follows manual commands from keys, screen or gamepad; implements `bike_policy.riders.base.Rider`.
 
     A person cannot balance a bicycle by its steering angle at twenty commands a second through a screen. So the command
     is a lean: it becomes the curvature of the steady turn, and the balance loop of the Stanley rider leans the bicycle

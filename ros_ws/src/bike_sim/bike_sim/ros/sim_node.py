@@ -34,11 +34,12 @@ from bike_sim.ros.ride_topics import RideTopics
 from bike_sim.ros.sensor_topics import SensorTopics
 from bike_sim.ros.topics import publisher
 from bike_sim.sim.config import SimulatorConfig
-from bike_sim.sim.disturbances import Disturbances, load_disturbances
+from bike_sim.sim.disturbances import Disturbances
 from bike_sim.sim.request import Preview, ResetRequest
 from bike_sim.sim.sensors import DATUM
 from bike_sim.sim.simulator import Simulator
 from bike_sim.sim.snapshot import DIVERGED, Snapshot
+from bike_sim.sim.worlds import load_disturbances
 from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 

@@ -25,10 +25,11 @@ from bike_sim.sim.beginning import Beginning, Courses, begin, own_speed
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import Disturbances
 from bike_sim.sim.events import ENDS, Event, WallHit, events_of, reset_event
+from bike_sim.sim.kinds import make_plant, make_slot
 from bike_sim.sim.observation import WALL_HOLD, begin_row, call, make_rows, observe_row, observe_rows
-from bike_sim.sim.plant import Plant, make_plant
+from bike_sim.sim.plant import Plant
 from bike_sim.sim.request import Preview, ResetRequest
-from bike_sim.sim.slots import bytes_of, make_slot
+from bike_sim.sim.slots import bytes_of
 from bike_sim.sim.traffic import INCIDENT, forget, make_traffic, meet
 from bike_sim.vehicles.bicycle import Vehicle
 

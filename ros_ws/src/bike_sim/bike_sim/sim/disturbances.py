@@ -14,8 +14,6 @@ import math
 import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from importlib import resources
-from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numpy as np
@@ -23,7 +21,7 @@ from numpy.typing import NDArray
 
 from bike_sim.course.road import RoadSurface, WetPatch
 from bike_sim.course.road import Wind as CircuitWind
-from bike_sim.documents import MAX_YAML_SIZE, DocumentError, alternatives, check_text, parse_yaml, read_text, show
+from bike_sim.documents import DocumentError, check_text, parse_yaml, show
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.parameters import number, positive, signed
 from bike_sim.vehicles.superbike import Superbike
@@ -46,9 +44,6 @@ TYRE_SIGNALS: Final = (
     *("lateral_velocity", "vertical_velocity"),
 )
 """Signals of a superbike that nothing on a machine measures."""
-
-SHIPPED: Final = resources.files("bike_sim") / "config" / "disturbances"
-"""Folder of the files that come with the package."""
 
 
 @dataclass(frozen=True)
@@ -334,39 +329,6 @@ class Disturbances:
             branch: so that forces and sensors draw their own numbers.
         """
         return np.random.default_rng([self.seed, zlib.crc32(np.ascontiguousarray(state).tobytes()), branch])
-
-
-def load_disturbances(name_or_path: str | Path) -> Disturbances:
-    """Load disturbances that come with the package, or from a file.
-
-    Args:
-        name_or_path: name of a shipped file, the path of a YAML file (it ends in ``.yaml`` or ``.yml``), or
-            ``world:N`` for the Nth random world of superbikes.
-
-    Raises:
-        FileNotFoundError: there is no such file.
-        ValueError: it is not YAML, has a key too many, or a value that means nothing.
-    """
-    text = str(name_or_path)
-    if text.endswith((".yaml", ".yml")):
-        return read_disturbances(read_text(Path(text), MAX_YAML_SIZE), Path(text).stem)
-    from bike_sim.sim.worlds import world_of  # late: worlds are made of disturbances
-
-    world = world_of(text)
-    if world is not None:
-        return world
-    shipped = shipped_disturbances()
-    if text not in shipped:
-        raise FileNotFoundError(
-            f"no disturbances {show(text)}; {alternatives(text, shipped)}; a file of your own must end in .yaml"
-        )
-    with resources.as_file(SHIPPED / f"{text}.yaml") as path:
-        return read_disturbances(read_text(path, MAX_YAML_SIZE), path.stem)
-
-
-def shipped_disturbances() -> tuple[str, ...]:
-    """Return the names of the files that come with the package, sorted."""
-    return tuple(sorted(entry.name[: -len(".yaml")] for entry in SHIPPED.iterdir() if entry.name.endswith(".yaml")))
 
 
 def read_disturbances(text: str, name: str) -> Disturbances:

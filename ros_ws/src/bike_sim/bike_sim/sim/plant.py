@@ -12,14 +12,13 @@ from bike_sim.course.course import Course
 from bike_sim.course.projection import point_at
 from bike_sim.physics import state as st
 from bike_sim.physics.engine import Engine
-from bike_sim.physics.engines import make_bicycle_engine, make_superbike_engine
+from bike_sim.physics.engines import make_bicycle_engine
 from bike_sim.physics.ground import Ground
 from bike_sim.sim.config import SimulatorConfig
 from bike_sim.sim.disturbances import NO_CHANGES, Disturbances, RoadChanges
 from bike_sim.sim.events import ENDS
 from bike_sim.sim.request import Preview, Start, draw_start
 from bike_sim.vehicles.bicycle import Vehicle
-from bike_sim.vehicles.files import load_vehicle
 from bike_sim.vehicles.superbike import Superbike
 
 if TYPE_CHECKING:
@@ -200,33 +199,3 @@ def ridden_superbike(vehicle: Superbike, disturbances: Disturbances) -> Superbik
             "superbike: its wind is the road's"
         )
     return disturbances.wrong(vehicle)
-
-
-def make_plant(
-    config: SimulatorConfig, disturbances: Disturbances | None = None, vehicle: Vehicle | None = None
-) -> Plant:
-    """Return a vehicle with its engine, disturbed where anything acts on it.
-
-    Args:
-        config: vehicle, engine and steps.
-        disturbances: of what is ridden.
-        vehicle: the config's vehicle where it is loaded already; None to load it.
-
-    Raises:
-        ValueError: an invalid parameter, an engine that cannot simulate the vehicle, or a bicycle's disturbances.
-        FileNotFoundError: an unknown vehicle.
-    """
-    vehicle = vehicle or load_vehicle(config.vehicle)
-    if disturbances is not None and not disturbances.acts_on_vehicle:
-        disturbances = None
-    if isinstance(vehicle, Superbike):
-        ridden = vehicle if disturbances is None else ridden_superbike(vehicle, disturbances)
-        # Late: a bicycle is spared tyres and lap theory, which take a good part of a node's start.
-        from bike_sim.sim.superbike_plant import SuperbikePlant
-
-        plant = SuperbikePlant(vehicle, make_superbike_engine(config.engine, ridden, config.time_step))
-        plant.road = NO_CHANGES if disturbances is None else disturbances.road
-        return plant
-    if disturbances is not None:
-        return DisturbedPlant(vehicle, config, disturbances)
-    return Plant(vehicle, make_bicycle_engine(config.engine, vehicle, config.time_step))

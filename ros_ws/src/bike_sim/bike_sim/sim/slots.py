@@ -112,18 +112,6 @@ def _advance_bicycles(
         rows.fall[i] = TIP_OVER if lying[i] or abs(moved[st.ROLL]) > vehicle.fall_roll else 0
 
 
-def make_slot(plants: Sequence[Plant], config: SimulatorConfig, disturbed: bool) -> EngineSlot:
-    """Return the slot of an engine for the plants of all rows, of which the compiled ones need one a vehicle."""
-    if config.engine == "whipple" and not disturbed:
-        return BicycleSlot(plants, config)
-    if config.engine == "compiled":
-        # Late: a bicycle is spared tyres.
-        from bike_sim.sim.superbike_slot import SuperbikeSlot
-
-        return SuperbikeSlot(plants, config)
-    return EngineSlot(plants, config)
-
-
 def bytes_of(array: NDArray[Any]) -> NDArray[Any]:
     """Return an array of numbers, or the bytes of an array of records, as files without pickle take them; a view."""
     return array if array.dtype.names is None else array.view(np.uint8).reshape(len(array), -1)

@@ -1,4 +1,4 @@
-"""Worlds: random disturbances of superbikes by number, to learn on and to be judged by.
+"""Disturbances by name: shipped ones, files, and worlds, which are random ones by number.
 
 `world:N` names the Nth. A world is what no rider is told: grip of the road and of patches, mass, power, damper,
 bumps, wind, and the delay of commands. Numbers below `JUDGED` are there to learn on, the others to judge by.
@@ -9,13 +9,17 @@ The ride of a world (`draw_ride`) adds what a rider is told: machine, circuit an
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from bike_sim.documents import DocumentError, show
-from bike_sim.sim.disturbances import Disturbances, RoadChanges, load_disturbances
+from bike_sim.documents import MAX_YAML_SIZE, DocumentError, alternatives, read_text, show
+from bike_sim.sim.disturbances import Disturbances, RoadChanges, read_disturbances
 
+SHIPPED: Final = resources.files("bike_sim") / "config" / "disturbances"
+"""Folder of the files that come with the package."""
 PREFIX: Final = "world:"
 JUDGED: Final = 1000
 """First world that nothing may be learned or tuned on."""
@@ -174,6 +178,37 @@ def world_of(name: str) -> Disturbances | None:
     if not name.startswith(PREFIX):
         return None
     return draw_world(_whole(name.removeprefix(PREFIX), name))
+
+
+def load_disturbances(name_or_path: str | Path) -> Disturbances:
+    """Load disturbances that come with the package, or from a file.
+
+    Args:
+        name_or_path: name of a shipped file, the path of a YAML file (it ends in ``.yaml`` or ``.yml``), or
+            ``world:N`` for the Nth random world of superbikes.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is not YAML, has a key too many, or a value that means nothing.
+    """
+    text = str(name_or_path)
+    if text.endswith((".yaml", ".yml")):
+        return read_disturbances(read_text(Path(text), MAX_YAML_SIZE), Path(text).stem)
+    world = world_of(text)
+    if world is not None:
+        return world
+    shipped = shipped_disturbances()
+    if text not in shipped:
+        raise FileNotFoundError(
+            f"no disturbances {show(text)}; {alternatives(text, shipped)}; a file of your own must end in .yaml"
+        )
+    with resources.as_file(SHIPPED / f"{text}.yaml") as path:
+        return read_disturbances(read_text(path, MAX_YAML_SIZE), path.stem)
+
+
+def shipped_disturbances() -> tuple[str, ...]:
+    """Return the names of the files that come with the package, sorted."""
+    return tuple(sorted(entry.name[: -len(".yaml")] for entry in SHIPPED.iterdir() if entry.name.endswith(".yaml")))
 
 
 def load_worlds(names: Sequence[str]) -> list[Disturbances]:
