@@ -17,6 +17,7 @@ import matplotlib.font_manager  # noqa: F401 (lists the fonts, which it does onc
 import numpy as np
 
 from bike_analysis.read.container import Container
+from bike_policy.contract.bundle import DEFAULT_RACER
 from bike_policy.riders.disturbed import DisturbedRider
 from bike_policy.riders.rider import make_rider
 from bike_policy.riders.wheel_to_wheel import RaceField, unverified_plan
@@ -100,7 +101,8 @@ def main() -> None:
         SimulatorConfig(engine="whipple", time_step=0.01), "random", Preview(by_time=True, interval=0.2, count=11)
     )
     print("compiling: superbike", flush=True)
-    ride(superbike, CIRCUIT, "classical")
+    for name in ("classical", DEFAULT_RACER):
+        ride(superbike, CIRCUIT, name)
     ride_side_by_side(replace(superbike, engine="compiled"), CIRCUIT, COURSE_POINTS)
     print("compiling: race", flush=True)
     race()

@@ -213,8 +213,12 @@ def test_laps_through_the_nodes_note_who_rode(monkeypatch: pytest.MonkeyPatch, t
 
     parameters: dict[str, dict[str, object]] = {}
     monkeypatch.setattr(node_rides, "ride_recorded", lambda domain, nodes, **named: parameters.update(nodes))
-    node_rides.ride_through_nodes("r1", "monza", 5000.0, 1, tmp_path / "lap.mcap", 100.0)
+    ride = "r1", "monza", 5000.0, 1, tmp_path / "lap.mcap", 100.0
+    node_rides.ride_through_nodes(*ride)
     assert parameters["record"]["notes"] == ["policy=classical", "circuit=monza"]
+    assert not any("disturbances" in known for known in parameters.values())
+    node_rides.ride_through_nodes(*ride, disturbances="grip_090")
+    assert [parameters[name]["disturbances"] for name in ("sim_node", "drive")] == ["grip_090"] * 2
 
 
 def test_off_track_time_and_validity(ride_of, circle) -> None:

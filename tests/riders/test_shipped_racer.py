@@ -8,9 +8,12 @@ import pytest
 
 from bike_policy.contract.bundle import load_bundle, shipped_policies
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
+from bike_policy.riders.rider import DEFAULT, make_rider
 from bike_policy.riders.wheel_to_wheel import CLASSICAL, unverified_plan
+from bike_sim.sim.batch import SUPERBIKE_ENGINE
 from bike_sim.sim.race import Entry, Race, RaceSettings
 from bike_sim.sim.worlds import load_disturbances
+from bike_training.rollout.laps import ride_laps
 from bike_training.rollout.races import ride_races
 from tests.circuits import ridden
 
@@ -57,6 +60,17 @@ def test_without_a_guide_it_laps_in_worlds_that_nobody_told_it_of(kidney: Path) 
     result = ride_races(bundle, "r1", str(kidney), starts=3, laps=2, disturbances=load_disturbances("road_090"))
     assert result["whole"] == result["rides"] == 3
     assert result["times_s"][0] <= result["later_s"] < 0.99 * result["slowest_s"]
+
+
+@pytest.mark.slow
+def test_where_no_rider_is_named_one_rides_that_less_grip_slows_and_does_not_throw_down(kidney: Path) -> None:
+    laps = []
+    for disturbances in (None, load_disturbances("grip_090")):
+        rider = make_rider(DEFAULT)
+        ride, _ = ride_laps("r1", kidney, 1, rider=rider, engine=SUPERBIKE_ENGINE, disturbances=disturbances)
+        assert ride["end"] == "finished"
+        laps.append(ride["lap_s"])
+    assert laps[1] > 1.01 * laps[0]
 
 
 @pytest.mark.slow

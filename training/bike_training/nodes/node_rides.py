@@ -213,7 +213,14 @@ BEYOND: Final = 30.0
 
 
 def ride_through_nodes(
-    vehicle: str, circuit: str, length: float, laps: int, recording: Path, limit: float, rider: str = CLASSICAL
+    vehicle: str,
+    circuit: str,
+    length: float,
+    laps: int,
+    recording: Path,
+    limit: float,
+    rider: str = CLASSICAL,
+    disturbances: str | None = None,
 ) -> float:
     """Ride an out-lap and flying laps and record them.
 
@@ -225,6 +232,7 @@ def ride_through_nodes(
         recording: file to write.
         limit: theoretical lap, s.
         rider: name of a rider or folder of a policy.
+        disturbances: name or file; None for none.
 
     Returns:
         Wall-clock time of the ride, s.
@@ -233,10 +241,11 @@ def ride_through_nodes(
         NodeLost: a node ended, no state came for long, or the recorder could not finish its file.
     """
     with DomainLease() as lease:
-        simulator = {"vehicle": vehicle, "course": circuit, "time_step": TIME_STEP}
+        disturbed = {} if disturbances is None else {"disturbances": disturbances}
+        simulator = {"vehicle": vehicle, "course": circuit, "time_step": TIME_STEP, **disturbed}
         notes = [f"policy={rider}", f"circuit={circuit}"]
         record = {"path": str(recording.resolve()), "overwrite": True, "notes": notes}
-        pilot = {"policy": rider}
+        pilot = {"policy": rider, **disturbed}
         if vehicle.endswith((".yaml", ".yml")):
             pilot["vehicle"] = vehicle
         end = (laps + 1) * length + BEYOND
@@ -244,6 +253,7 @@ def ride_through_nodes(
             lease.domain_id,
             {"record": record, "sim_node": simulator, "drive": pilot},
             title=f"{vehicle}, {circuit}",
+            needed=(*NEEDED_TOPICS, *disturbed),
             distance=end,
             longest=MAX_LAP_RATIO * limit * (laps + 1),
             is_over=lambda state: bool(state.fallen or state.progress >= end),

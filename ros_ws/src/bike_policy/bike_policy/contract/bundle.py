@@ -148,7 +148,7 @@ class Actor:
 
 DEFAULT_POLICY: Final = "whipple"
 """The shipped policy that rides a bicycle."""
-DEFAULT_RACER: Final = "racer"
+DEFAULT_RACER: Final = "adaptive"
 """The shipped policy that races superbikes."""
 
 
