@@ -13,6 +13,7 @@ import pytest
 
 from bike_analysis import open_ride
 from bike_analysis.figures.results import SCHEMA
+from bike_analysis.page.document import recorded_settings
 from bike_analysis.page.ride_view import histograms, ride_view
 from bike_sim.recording.recorder import RideRecorder
 from bike_sim.schema import SIGNALS, SUSPENSION, TELEMETRY
@@ -89,6 +90,7 @@ def with_telemetry(messages, folder: Path) -> Path:
 
 _LOST = ("rear_contact_lost", "front_contact_lost")
 WORLD = {
+    "name": "wet\x1b",
     "road": {"grip": 0.9, "patches": [[100.0, 120.0, 0.5]]},
     "vehicle": {"front_tyre.friction": 0.8, "rear_tyre.friction": 1.0},
 }
@@ -104,6 +106,7 @@ def test_inferred_and_true_grip_are_in_one_panel(with_telemetry: Path) -> None:
     expected = np.full(20, 81.0)
     expected[[10, 11]] = 40.5
     np.testing.assert_allclose(columns["true_grip"], expected)
+    assert recorded_settings(open_ride(with_telemetry))[-1] == "disturbances wet\\x1b"
 
 
 def test_its_columns_are_those_of_the_table(with_telemetry: Path) -> None:

@@ -18,6 +18,7 @@ import base64
 import json
 import zlib
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from html import escape
 from importlib.metadata import PackageNotFoundError, version
@@ -292,7 +293,11 @@ def settings_words(period: float, simulation: Simulation | None) -> list[str]:
 
 
 def recorded_settings(recording: Recording) -> list[str]:
-    """Return the words of all control periods and simulations of a recording, each once."""
+    """Return the words of all control periods and simulations of a recording, each once, and of what disturbed it."""
     periods = np.unique(np.round(recording.states.control_period, 6))
     words = [word for period in periods for word in settings_words(float(period), None)]
-    return list(dict.fromkeys([*words, *(word for one in recording.simulations for word in settings_words(0.0, one))]))
+    words += [word for one in recording.simulations for word in settings_words(0.0, one)]
+    with suppress(AttributeError, ValueError):  # not a document of ours
+        name = json.loads(recording.disturbances or "{}").get("name", "")
+        words += [f"disturbances {shown(str(name))}"] if name else []
+    return list(dict.fromkeys(words))
