@@ -131,6 +131,7 @@ def test_options_apply_to_the_subject_or_are_refused_by_name(command, subject, f
         (["evaluate", "stanly"], "did you mean stanley? There are adaptive, generalist, "),
         (["ride", "--disturbances", "widn"], "did you mean wind? There are "),
         (["ride", "--course", "barcelona", "--disturbances", "wind"], "'wind' push a bicycle"),
+        (["ride", "--all", "--disturbances", "wind"], "'wind' push a bicycle"),
         (["bench", "phisics"], "unknown part 'phisics'; did you mean physics? There are "),
         (["train", "--preset", "fats", "--out", "never"], "did you mean fast? There are alt1, "),
         (["train", "--set", "learner.gama=1", "--out", "never"], "did you mean learner.gamma? There are "),

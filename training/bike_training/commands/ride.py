@@ -29,6 +29,7 @@ from bike_sim.sim.disturbances import Disturbances
 from bike_sim.sim.plant import ridden_superbike
 from bike_sim.sim.snapshot import Snapshot
 from bike_sim.sim.worlds import load_disturbances
+from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.files import load_vehicle, shipped_superbikes
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.arguments import check_positive, check_whole, recording_folder
@@ -45,7 +46,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.domain is not None:
         check_whole("--domain", args.domain, 0, LARGEST_DOMAIN)
     SimulatorConfig(vehicle=args.vehicle, engine=args.engine, time_step=args.time_step)  # refuses an invalid step
-    _disturbances(args)
+    _disturbances(args.disturbances, load_vehicle(args.vehicle))
     rider = make_rider(args.rider)
     warn_of_speed(rider, args.speed)
     course = load_course(args.course)
@@ -119,11 +120,10 @@ def run_laps(args: argparse.Namespace) -> dict[str, Any]:
         FileNotFoundError: an unknown vehicle or circuit.
     """
     check_whole("--laps", args.laps, 1)
-    disturbances = _disturbances(args)
     pairs = [(args.vehicle, args.course)]
     if args.all:
         pairs = list(itertools.product(shipped_superbikes(), shipped_tracks()))
-    found = [_lap_figures(vehicle, circuit, args, disturbances) for vehicle, circuit in pairs]
+    found = [_lap_figures(vehicle, circuit, args) for vehicle, circuit in pairs]
     if not args.json:
         print(f"Flying laps, rider: {found[0]['rider']}")
         print("\n".join(table_text(PAIRS, found, left=3)))
@@ -148,7 +148,7 @@ def _through_nodes(args: argparse.Namespace) -> dict[str, Any]:
 
     machine = load_vehicle(args.vehicle)
     assert isinstance(machine, Superbike)
-    disturbances = _disturbances(args)
+    disturbances = _disturbances(args.disturbances, machine)
     limits = envelope(machine)
     track = track_with_line(args.course, limits)
     line = track.line(1.0)
@@ -218,24 +218,23 @@ def described(machine: Superbike, limits: Envelope) -> Machine:
     )
 
 
-def _disturbances(args: argparse.Namespace) -> Disturbances | None:
-    """Load disturbances, and refuse those that the vehicle cannot have before anything starts.
+def _disturbances(name: str | None, vehicle: Vehicle) -> Disturbances | None:
+    """Load disturbances by name, and refuse those that a vehicle cannot have before anything starts.
 
     Raises:
         ValueError: of another kind of vehicle. FileNotFoundError: there are none of that name.
     """
-    if args.disturbances is None:
+    if name is None:
         return None
-    known, vehicle = load_disturbances(args.disturbances), load_vehicle(args.vehicle)
+    known = load_disturbances(name)
     known.check_sensors(vehicle)
     if isinstance(vehicle, Superbike):
         ridden_superbike(vehicle, known)
     return known
 
 
-def _lap_figures(
-    vehicle: str, circuit: str, args: argparse.Namespace, disturbances: Disturbances | None
-) -> dict[str, Any]:
+def _lap_figures(vehicle: str, circuit: str, args: argparse.Namespace) -> dict[str, Any]:
+    disturbances = _disturbances(args.disturbances, load_vehicle(vehicle))
     began, laps, rider = time.monotonic(), args.laps, make_rider(args.rider)
     check_superbike_engine(args.engine, load_vehicle(vehicle))
     with progress_bar(f"{vehicle}, {circuit}", "m", quiet=args.json, leave=False) as bar:

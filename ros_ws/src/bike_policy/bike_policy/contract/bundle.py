@@ -149,7 +149,7 @@ class Actor:
 DEFAULT_POLICY: Final = "whipple"
 """The shipped policy that rides a bicycle."""
 DEFAULT_RACER: Final = "adaptive"
-"""The shipped policy that races superbikes."""
+"""The shipped policy that rides a superbike where no rider is named."""
 
 
 FORMAT_VERSION: Final = 1
