@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from safetensors.numpy import load_file, save_file
 
 from bike_policy.contract.bundle import Actor
-from bike_policy.contract.observation import PROGRESS, Rows
+from bike_policy.contract.observation import PROGRESS, TERMS, ObservationLayout, Rows
 from bike_policy.planning.grip import AdaptiveLaw, GripMemory
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_sim.vehicles.superbike import Superbike
@@ -52,6 +52,16 @@ NOISE: Final = (0.008, 0.06)
 come back."""
 NOISE_MEMORY: Final = 0.97
 """Part of the noise that the next decision keeps."""
+MISLED: Final = 0.6
+"""Part of the rows whose actor sees at times another speed asked than is, and another distance from the line: where it
+rides then the teacher shows how to come back. A rider that never was much slower than asked takes its own braking for a
+reason to brake."""
+MISLED_TIME: Final = 3.0
+"""Mean time for which it sees the same, s; half of the time all is as it is."""
+ASKED: Final = (0.7, 1.03)
+"""Bounds of the speed that it then sees asked, as a part of what is."""
+BESIDE: Final = 0.5
+"""Standard deviation of what is added to the distance that it sees, m."""
 TEACHER_RIDES: Final = (1.0, 0.5, 0.15)
 """Part of the rides of the first rounds that the teacher rides itself; none later."""
 RIDDEN: Final = 0.5
@@ -261,7 +271,7 @@ class Imitation:
         share = TEACHER_RIDES[self.done] if self.done < len(TEACHER_RIDES) else 0.0
         taught = np.less(rng.random(count), share)
         size = rng.random((count, 1)) * (rng.random((count, 1)) < 0.5)
-        noise = np.zeros((count, 2))
+        noise, misled = np.zeros((count, 2)), _Misled(task.layout, np.less(rng.random(count), MISLED))
         env.reset()
         for row in range(count):
             teacher.begin(row, rng)
@@ -271,7 +281,8 @@ class Imitation:
         self.lost, shown_now = 0, teacher.actions()
         for step in range(steps):
             seen[step], shown[step] = rides.observe(batch), shown_now
-            actions = np.where(taught[:, None], shown_now, actor.act_batch(seen[step]))
+            misled.draw(rng, batch.config.control_period * task.repeat / MISLED_TIME)
+            actions = np.where(taught[:, None], shown_now, actor.act_batch(misled.shown(seen[step])))
             noise = NOISE_MEMORY * noise + rng.standard_normal((count, 2)) * NOISE
             rides.act(batch, np.clip(actions + size * noise, -1.0, 1.0).astype(np.float32))
             for _ in range(task.repeat):
@@ -310,6 +321,41 @@ class Imitation:
             self._weights, moments, value = self._update(self._weights, moments, inputs, wanted, rate)
             values.append(value)
         self.loss = float(np.mean([float(value) for value in values[-200:]]))
+
+
+_SPEED, _MARGIN = (float(np.max(TERMS[name].scale)) for name in ("speed", "speed_margin"))
+_BESIDE: Final = float(np.max(TERMS["line"].scale))
+
+
+class _Misled:
+    """What actors of some rows see in place of how fast and where they are asked to ride."""
+
+    def __init__(self, layout: ObservationLayout, rows: NDArray[np.bool_]) -> None:
+        """Prepare for the observations of a layout, and for which rows."""
+        names = layout.names
+        self._margins = [place for place, name in enumerate(names) if name.startswith("speed_margin")]
+        self._speed, self._beside = names.index("speed"), names.index("lateral_error")
+        self._rows, self._asked, self._aside = rows, np.ones(len(rows)), np.zeros(len(rows))
+
+    def draw(self, rng: np.random.Generator, chance: float) -> None:
+        """Draw anew in some rows.
+
+        Args:
+            rng: of the draws.
+            chance: of each row.
+        """
+        count = len(self._rows)
+        drawn, some = np.less(rng.random(count), chance), self._rows & np.less(rng.random(count), 0.5)
+        self._asked[drawn] = np.where(some, rng.uniform(*ASKED, count), 1.0)[drawn]
+        self._aside[drawn] = np.where(some, BESIDE * rng.standard_normal(count), 0.0)[drawn]
+
+    def shown(self, seen: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return what the actors see, shape (n, inputs), of the observations as they are."""
+        own = _SPEED / _MARGIN * seen[:, self._speed, None]
+        shown = seen.copy()
+        shown[:, self._margins] = self._asked[:, None] * (seen[:, self._margins] + own) - own
+        shown[:, self._beside] += self._aside / _BESIDE
+        return shown
 
 
 def _drawn(sizes: tuple[int, ...], seed: int) -> Weights:

@@ -13,9 +13,9 @@ grip in reserve for it. And it does not drive while the handlebars shake.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -23,10 +23,19 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bike_policy.contract.observation import PROGRESS, SPEED, VehicleRows
-from bike_policy.planning.lap_plan import P_FASTER, LinePlan, Planner, RiderSettings, SteadyLeans, on_grip, plan_line
+from bike_policy.planning.lap_plan import (
+    P_CURVATURE,
+    P_FASTER,
+    LinePlan,
+    Planner,
+    RiderSettings,
+    SteadyLeans,
+    on_grip,
+    plan_line,
+)
 from bike_policy.planning.line_law import SEEN, LineLaw, seen_of
 from bike_policy.planning.plan_verification import verified_plan
-from bike_policy.planning.reference import GRIPS, KEPT
+from bike_policy.planning.reference import GRIPS, KEPT, LineTable
 from bike_policy.planning.ride_observer import RideObserver
 from bike_policy.planning.wind_observer import WindObserver
 from bike_sim.course.course import Course
@@ -221,6 +230,13 @@ class GripPlans:
         self._plans = {1.0: known}
         self._share: FloatArray | None = None
 
+    @cached_property
+    def reference(self) -> LineTable:
+        """Reference of a rider that follows the inferred grip: curvature, and the speed on each of GRIPS."""
+        plans = [self._solved(grip) for grip in GRIPS]
+        columns = (plans[0].table[:, P_CURVATURE], *(plan.profile.speed for plan in plans))
+        return LineTable(plans[0].spacing, np.stack(columns, axis=1))
+
     def solve(self) -> None:
         """Plan for all grips at once, so that a rider in real time need not wait for it, a matter of seconds."""
         for grip in GRIPS:
@@ -257,6 +273,22 @@ class GripPlans:
             plan = plan_line(less, self._line, self._settings, cap[:-1])
             self._plans[grip] = plan.with_room_above(known.table[:-1, P_FASTER])
         return self._plans[grip]
+
+
+def plans_of(
+    vehicle: Superbike, period: float, settings: RiderSettings, plan: Planner | None = None
+) -> Callable[[Course], GripPlans]:
+    """Return plans for roads of different grip by line, each made once.
+
+    Args:
+        vehicle: the machine.
+        period: control period, s.
+        settings: how to ride.
+        plan: plans a lap of a line on the known road; None for a verified plan.
+    """
+    known = replace(settings, unseen=0.0)  # of it the memory makes less grip, and plans are those of any rider
+    plan = plan or (lambda line: verified_plan(vehicle, line, known, period))
+    return lru_cache(maxsize=KEPT)(lambda line: GripPlans(vehicle, line, known, plan(line)))
 
 
 class HeldLeans:
@@ -307,13 +339,11 @@ class AdaptiveLaw:
             count: number of rides.
             plan: plans a lap of a line on the known road; None for a verified plan.
         """
-        known = replace(settings, unseen=0.0)  # of it the memory makes less grip, and plans are those of any rider
-        plan = plan or (lambda line: verified_plan(vehicle, line, known, period))
         self.memory = GripMemory(vehicle, period, count, settings.unseen)
         self.law = LineLaw(vehicle, period, settings, count)
         self.observer = RideObserver(vehicle, period, count)
         self._leans = HeldLeans(vehicle, settings, self.law.leans)
-        self._planned = lru_cache(maxsize=KEPT)(lambda line: GripPlans(vehicle, line, known, plan(line)))
+        self._planned = plans_of(vehicle, period, settings, plan)
         self._plans: dict[int, GripPlans] = {}
         self._level = np.ones(count)
         careful = settings.unseen > 0.0

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.observation import UNSEEN
-from bike_policy.planning.reference import GRIPS, KEPT, LineTable
+from bike_policy.planning.reference import KEPT, LineTable
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike.statics import steady_lateral
 from bike_sim.planning.envelope import Envelope, envelope, left_by_turning
@@ -254,22 +254,14 @@ def on_grip(vehicle: Superbike, grip: float) -> Superbike:
     return vehicle.scaled(dict.fromkeys(("front_tyre.friction", "rear_tyre.friction"), grip))
 
 
-def references_of(vehicle: Superbike, adaptive: bool = False) -> Callable[[Course], LineTable]:
-    """Return references of a machine by line, each planned once.
-
-    Args:
-        vehicle: the machine.
-        adaptive: whether they are plans of the classical rider, with the speeds on roads of less grip: an actor that
-            imitates it sees what it rides by.
-    """
-    settings = CLASSICAL_SETTINGS if adaptive else REFERENCE
+def references_of(vehicle: Superbike) -> Callable[[Course], LineTable]:
+    """Return references of a machine by line, each planned once."""
 
     @lru_cache(maxsize=KEPT)
     def reference(line: Course) -> LineTable:
-        profile = plan_lap(vehicle, line, settings)
-        columns = [smooth_curvature(profile, settings.smoothing), profile.speed]
-        for grip in GRIPS[1:] if adaptive else ():
-            columns.append(plan_lap(on_grip(vehicle, grip), line, settings, columns[-1][:-1]).speed)
-        return LineTable(float(profile.s[1]), np.stack(columns, axis=1))
+        profile = plan_lap(vehicle, line, REFERENCE)
+        return LineTable(
+            float(profile.s[1]), np.stack((smooth_curvature(profile, REFERENCE.smoothing), profile.speed), axis=1)
+        )
 
     return reference

@@ -34,7 +34,7 @@ from bike_policy.contract.observation import (
     rows_of,
 )
 from bike_policy.planning import line_law as ll
-from bike_policy.planning.grip import FIRST_ERROR, AdaptiveLaw, GripMemory, ShakeReflex
+from bike_policy.planning.grip import FIRST_ERROR, AdaptiveLaw, GripMemory, ShakeReflex, plans_of
 from bike_policy.planning.lap_plan import (
     CLASSICAL_SETTINGS,
     GUIDE,
@@ -128,7 +128,9 @@ class RaceInterface:
         self._period, self._offset_rate = period, action.columns[0].rate
         self._offsets = np.zeros(count)
         adaptive = "grip" in layout.terms
-        self._planned = references_of(vehicle, adaptive)
+        # An actor that imitates the classical rider sees what that one rides by.
+        plans = plans_of(vehicle, period, CLASSICAL_SETTINGS)
+        self._planned = (lambda line: plans(line).reference) if adaptive else references_of(vehicle)
         self._grip = GripMemory(vehicle, period, count, layout.unseen) if adaptive else None
         careful = layout.unseen > 0.0
         self.wind = WindObserver(vehicle, period, count) if careful else None
