@@ -19,6 +19,7 @@ from bike_training.learning.imitation import Imitation, told_grip
 from bike_training.learning.presets import Preset, load_preset
 from bike_training.learning.process import LearningProcess, make_environment
 from bike_training.learning.run_settings import RunSettings
+from bike_training.tasks.race import RaceState
 
 VEHICLE = "panigale_v4r"
 
@@ -108,6 +109,29 @@ def test_the_learner_begins_as_the_actor_that_imitates_and_stays_near(
         assert compared[0] > 0
         tensors = process.actor().tensors()
         assert 0.0 < max(np.abs(tensors[name] - tensor).max() for name, tensor in imitated.tensors().items()) < 0.01
+
+
+def test_a_misled_actor_sees_what_it_would_see_if_that_were_asked(preset: Preset, oval: str) -> None:
+    own = settings(preset)
+    episodes = own.preset.curriculum.make([load_superbike(VEHICLE)]).episodes(0)
+    with closing(make_environment(own, own.preset.task, episodes)) as env:
+        env.reset()
+        layout, rides, count = env.task.layout, env.rides, env.num_envs
+        assert isinstance(rides, RaceState)
+        seen = rides.observe(env.batch)
+        misled = imitation.Misled(layout, np.arange(count) > 0)
+        np.testing.assert_allclose(misled.shown(seen), seen, atol=1e-6)
+        misled.draw(np.random.default_rng(2), 1.0)
+        assert misled.asked[0] == 1.0
+        assert (misled.asked != 1.0).any()
+        rides.interface.references.share *= misled.asked
+        asked, shown = rides.observe(env.batch), misled.shown(seen)
+    margins = [place for place, name in enumerate(layout.names) if name.startswith("speed_margin")]
+    np.testing.assert_allclose(shown[:, margins], asked[:, margins], atol=1e-6)
+    beside = layout.names.index("lateral_error")
+    np.testing.assert_allclose(shown[:, beside] - seen[:, beside], misled.beside / 5.0, atol=1e-6)
+    others = [place for place, name in enumerate(layout.names) if place not in {*margins, beside}]
+    np.testing.assert_array_equal(shown[:, others], seen[:, others])
 
 
 def test_the_teacher_rides_on_no_more_grip_than_there_is_and_than_can_be_known() -> None:

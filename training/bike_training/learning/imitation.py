@@ -271,7 +271,7 @@ class Imitation:
         share = TEACHER_RIDES[self.done] if self.done < len(TEACHER_RIDES) else 0.0
         taught = np.less(rng.random(count), share)
         size = rng.random((count, 1)) * (rng.random((count, 1)) < 0.5)
-        noise, misled = np.zeros((count, 2)), _Misled(task.layout, np.less(rng.random(count), MISLED))
+        noise, misled = np.zeros((count, 2)), Misled(task.layout, np.less(rng.random(count), MISLED))
         env.reset()
         for row in range(count):
             teacher.begin(row, rng)
@@ -327,15 +327,20 @@ _SPEED, _MARGIN = (float(np.max(TERMS[name].scale)) for name in ("speed", "speed
 _BESIDE: Final = float(np.max(TERMS["line"].scale))
 
 
-class _Misled:
-    """What actors of some rows see in place of how fast and where they are asked to ride."""
+class Misled:
+    """What actors of some rows see in place of how fast and where they are asked to ride.
+
+    Attributes:
+        asked: speed that each sees asked, as a part of what is, shape (n,).
+        beside: what is added to the distance that it sees, m, shape (n,).
+    """
 
     def __init__(self, layout: ObservationLayout, rows: NDArray[np.bool_]) -> None:
         """Prepare for the observations of a layout, and for which rows."""
         names = layout.names
         self._margins = [place for place, name in enumerate(names) if name.startswith("speed_margin")]
-        self._speed, self._beside = names.index("speed"), names.index("lateral_error")
-        self._rows, self._asked, self._aside = rows, np.ones(len(rows)), np.zeros(len(rows))
+        self._speed, self._place = names.index("speed"), names.index("lateral_error")
+        self._rows, self.asked, self.beside = rows, np.ones(len(rows)), np.zeros(len(rows))
 
     def draw(self, rng: np.random.Generator, chance: float) -> None:
         """Draw anew in some rows.
@@ -346,15 +351,15 @@ class _Misled:
         """
         count = len(self._rows)
         drawn, some = np.less(rng.random(count), chance), self._rows & np.less(rng.random(count), 0.5)
-        self._asked[drawn] = np.where(some, rng.uniform(*ASKED, count), 1.0)[drawn]
-        self._aside[drawn] = np.where(some, BESIDE * rng.standard_normal(count), 0.0)[drawn]
+        self.asked[drawn] = np.where(some, rng.uniform(*ASKED, count), 1.0)[drawn]
+        self.beside[drawn] = np.where(some, BESIDE * rng.standard_normal(count), 0.0)[drawn]
 
     def shown(self, seen: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return what the actors see, shape (n, inputs), of the observations as they are."""
         own = _SPEED / _MARGIN * seen[:, self._speed, None]
         shown = seen.copy()
-        shown[:, self._margins] = self._asked[:, None] * (seen[:, self._margins] + own) - own
-        shown[:, self._beside] += self._aside / _BESIDE
+        shown[:, self._margins] = self.asked[:, None] * (seen[:, self._margins] + own) - own
+        shown[:, self._place] += self.beside / _BESIDE
         return shown
 
 
