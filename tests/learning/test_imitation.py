@@ -127,7 +127,9 @@ def test_a_misled_actor_sees_what_it_would_see_if_that_were_asked(preset: Preset
         rides.interface.references.share *= misled.asked
         asked, shown = rides.observe(env.batch), misled.shown(seen)
     margins = [place for place, name in enumerate(layout.names) if name.startswith("speed_margin")]
-    np.testing.assert_allclose(shown[:, margins], asked[:, margins], atol=1e-6)
+    within = np.abs(seen[:, margins]) < 1.0  # those at their bounds are larger than they look
+    np.testing.assert_allclose(shown[:, margins][within], asked[:, margins][within], atol=1e-6)
+    assert within.mean() > 0.1
     beside = layout.names.index("lateral_error")
     np.testing.assert_allclose(shown[:, beside] - seen[:, beside], misled.beside / 5.0, atol=1e-6)
     others = [place for place, name in enumerate(layout.names) if place not in {*margins, beside}]
