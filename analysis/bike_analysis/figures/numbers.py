@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
@@ -212,8 +211,7 @@ def true_grip(ride: Ride, rows: slice) -> Floats:
     states = ride.states
     progress = states.values.get("centre_progress", states.progress)
     try:
-        document = json.loads(ride.recording.disturbances or "{}")
-        road, tyres = document.get("road", {}), document.get("vehicle", {})
+        road, tyres = (ride.recording.disturbances.get(part, {}) for part in ("road", "vehicle"))
         factor = np.full(len(states), float(road.get("grip", 1.0)))
         factor *= np.mean([float(tyres.get(f"{wheel}_tyre.friction", 1.0)) for wheel in ("front", "rear")])
         place = progress

@@ -18,7 +18,6 @@ import base64
 import json
 import zlib
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from contextlib import suppress
 from functools import cache
 from html import escape
 from importlib.metadata import PackageNotFoundError, version
@@ -297,7 +296,6 @@ def recorded_settings(recording: Recording) -> list[str]:
     periods = np.unique(np.round(recording.states.control_period, 6))
     words = [word for period in periods for word in settings_words(float(period), None)]
     words += [word for one in recording.simulations for word in settings_words(0.0, one)]
-    with suppress(AttributeError, ValueError):  # not a document of ours
-        name = json.loads(recording.disturbances or "{}").get("name", "")
-        words += [f"disturbances {shown(str(name))}"] if name else []
+    name = recording.disturbances.get("name", "")
+    words += [f"disturbances {shown(str(name))}"] if name else []
     return list(dict.fromkeys(words))

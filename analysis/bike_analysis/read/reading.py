@@ -7,6 +7,7 @@ recording without any motion is refused.
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -145,7 +146,7 @@ class Recording:
         message_count: Messages read, of all topics.
         telemetry: What tyres and engine did; empty where it was not recorded.
         grip: What the rider inferred of the road's grip; empty where it was not recorded.
-        disturbances: Document of what disturbed the rides; empty where nothing did.
+        disturbances: Document of what disturbed the rides; empty where nothing did, or what did is no document.
         topics: Number of messages read by topic.
         simulations: Engines and steps by which motion was computed, each once; none without beginnings.
         dropped_messages: Messages that the recorder had to give up, as it reported them; None without a report.
@@ -165,7 +166,7 @@ class Recording:
     message_count: int
     telemetry: Table
     grip: Table
-    disturbances: str = ""
+    disturbances: dict[str, Any] = field(default_factory=dict)
     topics: dict[str, int] = field(default_factory=dict)
     simulations: tuple[Simulation, ...] = ()
     dropped_messages: int | None = None
@@ -323,7 +324,7 @@ class _Reader:
             message_count=self._message_count,
             telemetry=self._table(f"{name}/telemetry", TELEMETRY_TYPE, expected=False),
             grip=self._table(f"{name}/grip", GRIP_TYPE, expected=False),
-            disturbances=next(self._converted(f"{name}/disturbances", lambda _, message: str(message.data)), ""),
+            disturbances=next(self._converted(f"{name}/disturbances", lambda _, message: _document(message.data)), {}),
             simulations=tuple(dict.fromkeys(self._converted(f"{name}/episode", simulation_of))),
             topics=dict(sorted(self._counts.items())),
             dropped_messages=dropped_messages(reports, name),
@@ -412,6 +413,14 @@ class _Reader:
 
 
 # ---- time ----------------------------------------------------------------------------------------------------------
+
+
+def _document(text: object) -> dict[str, Any]:
+    """Return a recorded document; an empty one where it is none of ours."""
+    with suppress(ValueError):
+        found = json.loads(str(text))
+        return found if isinstance(found, dict) else {}
+    return {}
 
 
 def ride_bounds(episode: Integers, step: Integers) -> list[int]:
