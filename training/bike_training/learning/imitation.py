@@ -129,6 +129,8 @@ class Teacher:
             self._delays.append(np.array([held + world.command_delay_s for world in own]))
             # Without the reflex of careful riders, which stands behind the actor: what the actor sees must decide.
             self._laws.append(AdaptiveLaw(vehicle, period, CLASSICAL_SETTINGS, len(own)))
+            # It learns with what its teacher rides by, so that what it is shown follows from what it sees.
+            self._interfaces[part].show(self._laws[part].plans)
 
     def begin(self, row: int, rng: np.random.Generator) -> None:
         """Begin a ride, which may know the grip as after a lap.

@@ -11,7 +11,8 @@ Before a policy rides a line for the first time its plan is verified: see `bike_
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -34,13 +35,14 @@ from bike_policy.contract.observation import (
     rows_of,
 )
 from bike_policy.planning import line_law as ll
-from bike_policy.planning.grip import FIRST_ERROR, AdaptiveLaw, GripMemory, ShakeReflex, plans_of
+from bike_policy.planning.grip import FIRST_ERROR, AdaptiveLaw, GripMemory, GripPlans, ShakeReflex, plans_of
 from bike_policy.planning.lap_plan import (
     CLASSICAL_SETTINGS,
     GUIDE,
     UNLIMITED,
     LinePlan,
     Planner,
+    plan_line,
     references_of,
 )
 from bike_policy.planning.plan_verification import Rollouts, verified_margin, verified_plan
@@ -128,9 +130,11 @@ class RaceInterface:
         self._period, self._offset_rate = period, action.columns[0].rate
         self._offsets = np.zeros(count)
         adaptive = "grip" in layout.terms
-        # An actor that imitates the classical rider sees what that one rides by.
-        plans = plans_of(vehicle, period, CLASSICAL_SETTINGS)
-        self._planned = (lambda line: plans(line).reference) if adaptive else references_of(vehicle)
+        self._planned = references_of(vehicle)
+        if adaptive:
+            self.show(
+                plans_of(vehicle, period, CLASSICAL_SETTINGS, partial(plan_line, vehicle, settings=CLASSICAL_SETTINGS))
+            )
         self._grip = GripMemory(vehicle, period, count, layout.unseen) if adaptive else None
         careful = layout.unseen > 0.0
         self.wind = WindObserver(vehicle, period, count) if careful else None
@@ -161,6 +165,10 @@ class RaceInterface:
     def grip_memory(self) -> GripMemory | None:
         """What is known of the grip; None where neither policy nor guide infers it."""
         return self._grip if self._guide is None else self._guide.memory
+
+    def show(self, plans: Callable[[Course], GripPlans]) -> None:
+        """Take references from plans for roads of different grip; by default from the classical rider's first ones."""
+        self._planned = lambda line: plans(line).reference
 
     def prepare(self, line: Course) -> None:
         """Plan a lap, before the first ride that needs it.
