@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from bike_policy.contract.bundle import Actor
-from bike_policy.planning.grip import GripMemory
+from bike_policy.planning.grip import AdaptiveLaw, GripMemory, GripPlans
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, on_grip, plan_line
+from bike_sim.course.course import Course
 from bike_sim.sim.batch import SUPERBIKE_ENGINE
 from bike_sim.vehicles.files import load_superbike
 from bike_training.learning import imitation
@@ -134,6 +136,31 @@ def test_a_misled_actor_sees_what_it_would_see_if_that_were_asked(preset: Preset
     np.testing.assert_allclose(shown[:, beside] - seen[:, beside], misled.beside / 5.0, atol=1e-6)
     others = [place for place, name in enumerate(layout.names) if place not in {*margins, beside}]
     np.testing.assert_array_equal(shown[:, others], seen[:, others])
+
+
+def test_while_it_learns_an_actor_sees_the_plan_that_its_teacher_rides_by(preset: Preset) -> None:
+    own = settings(preset)
+    episodes = own.preset.curriculum.make([load_superbike(VEHICLE)]).episodes(0)
+    with closing(make_environment(own, own.preset.task, episodes)) as env:
+        env.reset()
+        line = env.batch.course(0)
+        assert isinstance(env.rides, RaceState)
+        seen, alone = env.rides.interface.references, env.rides.interface.references.lines.samples.copy()
+        plans = GripPlans(load_superbike(VEHICLE), line, CLASSICAL_SETTINGS, slower_plan(line))
+        env.rides.interface.show(lambda _: plans)
+        env.reset()
+        assert np.any(seen.lines.samples[-len(alone) :] != alone)
+        Imitation(env, own.preset.sac, 0)
+        env.reset()
+        taught = seen.lines.samples
+    law = AdaptiveLaw(load_superbike(VEHICLE), 0.02, CLASSICAL_SETTINGS)
+    reference = law.plans(line).reference.table
+    np.testing.assert_array_equal(taught[-len(reference) :], reference)
+
+
+def slower_plan(line: Course) -> LinePlan:
+    """A plan of two thirds of the grip."""
+    return plan_line(on_grip(load_superbike(VEHICLE), 0.67), line, CLASSICAL_SETTINGS)
 
 
 def test_the_teacher_rides_on_no_more_grip_than_there_is_and_than_can_be_known() -> None:
