@@ -266,6 +266,7 @@ TABLES: Final[Mapping[str, Table]] = {
     "guide_pairs": Table(races),
     "adaptive_disturbed": Table(races),
     "adaptive_pairs": Table(races),
+    "adaptive_random": Table(races, _circuits(100, 199)),
     "classical_disturbed": Table(races),
     "worlds": Table(worlds, ("careful", "adaptive")),
     "held_pairs": Table(races),

@@ -43,10 +43,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     Raises:
         ValueError: a wrong argument, or a policy that does not race. FileNotFoundError: an unknown name.
     """
-    values = {name: getattr(args, name, None) or SUPERBIKE_ENGINE for name in ALONE}
-    given = [f"--{name.replace('_', '-')}" for name, value in values.items() if value != SUPERBIKE_ENGINE]
+    given = [name for name in ALONE if (value := getattr(args, name, None)) and value != SUPERBIKE_ENGINE]
     if given:
-        raise ValueError(f"--worlds decides what {given[0]} would: leave that out")
+        raise ValueError(f"--worlds decides what --{given[0].replace('_', '-')} would: leave that out")
     rides = load_rides(args.worlds)
     rider = args.rider or DEFAULT_RACER
     bundle = load_bundle(rider) if args.subject == SUPERBIKE else None
