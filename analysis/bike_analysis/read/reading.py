@@ -412,15 +412,15 @@ class _Reader:
         return make_table(STATE_TYPE, order, states.pop("time_s"), states)
 
 
-# ---- time ----------------------------------------------------------------------------------------------------------
-
-
 def _document(text: object) -> dict[str, Any]:
     """Return a recorded document; an empty one where it is none of ours."""
     with suppress(ValueError):
         found = json.loads(str(text))
         return found if isinstance(found, dict) else {}
     return {}
+
+
+# ---- time ----------------------------------------------------------------------------------------------------------
 
 
 def ride_bounds(episode: Integers, step: Integers) -> list[int]:

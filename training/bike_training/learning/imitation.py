@@ -325,8 +325,10 @@ class Imitation:
         self.loss = float(np.mean([float(value) for value in values[-200:]]))
 
 
-_SPEED, _MARGIN = (float(np.max(TERMS[name].scale)) for name in ("speed", "speed_margin"))
-_BESIDE: Final = float(np.max(TERMS["line"].scale))
+_SPEED_SCALE, _MARGIN_SCALE, _ERROR_SCALE = (
+    float(np.max(TERMS[name].scale)) for name in ("speed", "speed_margin", "line")
+)
+"""Scales of what `Misled` changes, m/s, m/s and m; of the terms of a line the lateral error alone has a large one."""
 
 
 class Misled:
@@ -358,10 +360,10 @@ class Misled:
 
     def shown(self, seen: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return what the actors see, shape (n, inputs), of the observations as they are."""
-        own = _SPEED / _MARGIN * seen[:, self._speed, None]
+        own = _SPEED_SCALE / _MARGIN_SCALE * seen[:, self._speed, None]
         shown = seen.copy()
         shown[:, self._margins] = self.asked[:, None] * (seen[:, self._margins] + own) - own
-        shown[:, self._place] += self.beside / _BESIDE
+        shown[:, self._place] += self.beside / _ERROR_SCALE
         return shown
 
 
