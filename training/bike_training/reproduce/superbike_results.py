@@ -31,6 +31,10 @@ MACHINES: Final = (MACHINE, "zx10rr", "cbr1000rr_r", "r1", "m1000rr")
 CIRCUITS: Final = ("barcelona", "cremona", "phillip_island")
 KINDS: Final = ("spdl", "sac")
 """Curricula that are compared; the first part of a setting's name."""
+ABLATIONS: Final = (
+    "swings", "unplanned-reward", "unplanned-observation", "no-lean-history", "no-failures", "no-mirror",
+)  # fmt: skip
+"""The same of SAC alone with one thing changed."""
 ACTORS: Final = ("early", "late", "best")
 
 
@@ -318,9 +322,19 @@ def _runs(data: Tables) -> str:
     return markdown([(*head, "processor time a run / s"), *rows])
 
 
-def _arms(data: Tables) -> str:
-    """Every curriculum in Barcelona beside the fixed schedule: differences of the means with their intervals."""
+def _curricula(data: Tables) -> str:
+    """Every curriculum in Barcelona beside the fixed schedule."""
     kinds = [name for name in data["runs"]["setting"].unique() if circuit_of(name) == CIRCUITS[0]]
+    return _arms(data, [kind for kind in kinds if kind not in ABLATIONS], "schedule")
+
+
+def _ablations(data: Tables) -> str:
+    """SAC alone in Barcelona, and with one thing changed."""
+    return _arms(data, [kind for kind in ("sac", *ABLATIONS) if kind in set(data["runs"]["setting"])], "sac")
+
+
+def _arms(data: Tables, kinds: Sequence[str], base: str) -> str:
+    """Return settings beside one of them: differences of the means with their intervals."""
     whole = data["validations"].assign(whole=lambda found: found["error"] < 1.0)
     share = {kind: 100.0 * select(whole, setting=kind).groupby("seed")["whole"].mean().to_numpy() for kind in kinds}
     rides = {kind: rows_of(data, kind, "late") for kind in kinds}
@@ -330,13 +344,14 @@ def _arms(data: Tables) -> str:
         cells = [kind, str(len(late[kind]))]
         for values in (share, late):
             cells.append(with_interval(values[kind], ".0f"))
-            other = values.get("schedule", np.array([]))
-            known = kind != "schedule" and min(len(values[kind]), len(other)) > 1
+            other = values.get(base, np.array([]))
+            known = kind != base and min(len(values[kind]), len(other)) > 1
             low, high = interval(values[kind], other, rule=operator.sub) if known else (0.0, 0.0)
             cells.append(f"{low:+.0f} to {high:+.0f}" if known else "")
         rows.append((*cells, with_interval(of_whole(rides[kind], "mean"), lap_text)))
-    head = ("curriculum", "runs", "whole validations / %", "less the schedule's", "rides whole, late / %")
-    return markdown([(*head, "less the schedule's", "lap time, late"), *rows])
+    less = f"less those of {base}"
+    head = ("setting", "runs", "whole validations / %", less, "rides whole, late / %", less, "lap time, late")
+    return markdown([head, *rows])
 
 
 def _table_1(data: Tables) -> str:
@@ -385,7 +400,8 @@ def _table_3(data: Tables) -> str:
 
 TABLES: Final = {
     "Runs, means with 95 % bootstrap intervals": _runs,
-    "Curricula: Panigale, Barcelona": _arms,
+    "Curricula: Panigale, Barcelona": _curricula,
+    "Ablations: Panigale, Barcelona": _ablations,
     "Table I: Panigale, Barcelona": _table_1,
     "Table II: three circuits, an actor learned on each": _table_2,
     "Table III: best laps of the best SPDL run of each circuit, on machines that it did not learn on": _table_3,
