@@ -151,18 +151,18 @@ PAIRS: Final = {
 }  # fmt: skip
 
 
-def pairs(name: str) -> str:
-    """Return a table of a rider's laps, one line for each machine and circuit.
+def median_lap(row: dict[str, str]) -> str:
+    """Return the median lap of rides, s, as text; of several flying laps that after the first; empty without one."""
+    return row.get("later_s") or row["median_s"]
 
-    Of rides of several flying laps the median is that after the first.
-    """
+
+def pairs(name: str) -> str:
+    """Return a table of a rider's laps, one line for each machine and circuit."""
     rows = []
     for row in read_records(name):
-        numbers = {key: float(row[key]) for key in ("best_s", "median_s", "median_excess", "line_distance_m")}
-        if row.get("later_s"):
-            numbers["median_s"] = float(row["later_s"])
-            numbers["median_excess"] = numbers["median_s"] / float(row["theory_s"]) - 1.0
-        rows.append(cells(PAIRS.values(), row | numbers | {"median_excess": 100.0 * numbers["median_excess"]}))
+        numbers = {key: float(row[key]) for key in ("best_s", "line_distance_m")} | {"median_s": float(median_lap(row))}
+        excess = 100.0 * (numbers["median_s"] / float(row["theory_s"]) - 1.0)
+        rows.append(cells(PAIRS.values(), row | numbers | {"median_excess": excess}))
     return markdown([list(PAIRS), *rows]) + origin(DATA / f"{name}.csv")
 
 
@@ -189,18 +189,14 @@ def gains(name: str) -> str:
 
 
 def disturbed(name: str) -> str:
-    """Return riders of one machine on one circuit under disturbances: rides that were whole, and their median lap.
-
-    Of rides of several flying laps it is that after the first.
-    """
+    """Return riders of one machine on one circuit under disturbances: rides that were whole, and their median lap."""
     files = name.split(",")
     tables = {rider: {row["disturbances"]: row for row in read_records(rider)} for rider in files}
     rows = []
     for world in tables[files[0]]:
         laps = [tables[rider][world] for rider in files]
         texts = [f"{lap['whole']} of {lap['rides']}" for lap in laps]
-        medians = [lap.get("later_s") or lap["median_s"] for lap in laps]
-        times = [f", {float(median):.1f} s" if median else "" for median in medians]
+        times = [f", {float(median):.1f} s" if median else "" for median in map(median_lap, laps)]
         title = "as known" if world == "none" else f"`{world}`"
         rows.append([title, *(whole + time for whole, time in zip(texts, times, strict=True))])
     names = [read_head(DATA / f"{rider}.csv")["rider"] for rider in files]
@@ -268,7 +264,8 @@ def random_circuits(name: str) -> str:
     rows = []
     for machine, laps in by_machine.items():
         rides, whole = (sum(int(lap[key]) for lap in laps) for key in ("rides", "whole"))
-        excess = sorted(100.0 * float(lap["median_excess"]) for lap in laps if lap["median_excess"])
+        timed = [lap for lap in laps if median_lap(lap)]
+        excess = sorted(100.0 * (float(median_lap(lap)) / float(lap["theory_s"]) - 1.0) for lap in timed)
         middle = 0.5 * (excess[(len(excess) - 1) // 2] + excess[len(excess) // 2])
         rows.append([machine, f"{whole} of {rides}", *(f"{value:.1f} %" for value in (middle, excess[0], excess[-1]))])
     names = ("machine", "rides whole", "median over the closest line", "least", "largest")
