@@ -8,7 +8,6 @@ from hypothesis.extra.numpy import arrays
 
 from bike_policy.contract.action import LINE_OFFSET, PACE, ActionColumn, ActionLayout
 from bike_policy.contract.observation import (
-    ADAPTIVE,
     COMPACT,
     DESCRIPTOR,
     GUIDED,
@@ -148,25 +147,6 @@ def test_decisions_are_remembered_newest_first_and_forgotten_with_the_ride():
     np.testing.assert_array_equal(other.observe(later)[0], seen)
     interface.begin(0, later, line)
     assert interface.observe(later)[0][place["steering_1"]] == 0.0
-
-
-def test_who_runs_wide_in_a_bend_is_asked_less_speed():
-    """On the outside alone, in proportion and to a bound; not where it hardly turns, and with the ride it is over."""
-    rows = drawn(np.random.default_rng(0), 5)
-    rows = rows._replace(state=np.zeros((5, 10)), signals=np.zeros((5, len(SIGNALS))))
-    rows.look[:, LOOK.index("speed")] = (20.0, 20.0, 20.0, 20.0, 9.0)
-    rows.look[:, LOOK.index("lateral_error")] = (-0.5, -1.1, -5.0, 1.1, -1.1)
-    interfaces = [RaceInterface(ADAPTIVE, DIRECT, load_vehicle("panigale_v4r"), 0.02, 5) for _ in range(2)]
-    for interface in interfaces:
-        for row in range(5):
-            interface.begin(row, rows, circle(60.0), share=0.9)
-    interface, other = interfaces
-    interface.commands(rows)
-    np.testing.assert_allclose(interface.references.share, 0.9 * np.array([1.0, 0.9, 0.85, 1.0, 1.0]))
-    other.restore(interface.state_dict())
-    np.testing.assert_array_equal(other.observe(rows), interface.observe(rows))
-    interface.begin(2, rows, circle(60.0))
-    assert interface.references.share[2] == ADAPTIVE.share
 
 
 @given(progress=st.floats(-1e4, 1e5), share=st.floats(0.1, 2.0), cap=st.floats(1.0, 100.0))

@@ -25,7 +25,6 @@ from bike_policy.contract.observation import (
     DESCRIPTOR,
     LATERAL_ERROR,
     LINE,
-    PROGRESS,
     ROLL,
     SPEED,
     STEER,
@@ -66,14 +65,6 @@ PASSING_ROOM: Final = 0.03
 part of it."""
 UPRIGHT: Final = 3.0
 """Lateral acceleration up to which drive alone limits the speed, m/s^2."""
-WIDE: Final = 0.6
-"""Distance to the outside of its line from which a careful rider in a bend is asked less speed, m."""
-WIDE_PACE: Final = 0.2
-"""Part of the speed that it is asked less for each m beyond that."""
-WIDE_MOST: Final = 0.15
-"""The most of it: more would have it brake hard at full lean."""
-BENDING: Final = 2.0
-"""Lateral acceleration of a bend, m/s^2."""
 DRIVE_SPEEDS: Final = (20.0, 40.0, 60.0, 80.0)
 """Speeds at which the descriptor holds the engine's force, m/s."""
 FEATURE_MEAN: Final = np.array([280.0, 1.45, 0.63, 0.70, 0.33, 1.2, 1.2, 0.8, 0.6])
@@ -148,7 +139,6 @@ class RaceInterface:
         careful = layout.unseen > 0.0
         self.wind = WindObserver(vehicle, period, count) if careful else None
         self._reflex = ShakeReflex(careful, period, count)
-        self._asked = np.ones(count)
         self._guide = None
         if action.guided and layout.sees_others:  # it rides the plans of the classical riders that it meets
             base = plan or (lambda line: verified_plan(vehicle, line, CLASSICAL_SETTINGS, period))
@@ -212,7 +202,6 @@ class RaceInterface:
             expected = self._grip.expected[row]
             self.references.grip[row], self.memory.grip[row] = expected, (expected, 1.0, FIRST_ERROR)
         self.references.begin(row, self._planned(line), self._layout.share if share is None else share, cap)
-        self._asked[row] = self.references.share[row]
         memory, state = self.memory, rows.state[row]
         memory.rolls[row], memory.steers[row], memory.actions[row] = state[ROLL], state[STEER], 0.0
         self._reflex.begin(row)
@@ -243,10 +232,9 @@ class RaceInterface:
 
     def commands(self, rows: VehicleRows) -> FloatArray:
         """Return what the actions become in a control period: steering and throttle in [-1, 1], shape (n, 2)."""
-        actions, seen = self.memory.actions[:, 0], self.observer.observe(rows)
         if self.wind is not None:
             self.wind.update(rows)
-            self._ask(seen)
+        actions, seen = self.memory.actions[:, 0], self.observer.observe(rows)
         if self._grip is not None:
             self._grip.update(seen, self.observer.force_errors)
             self._show_grip(self._grip)
@@ -267,19 +255,12 @@ class RaceInterface:
         guard_targets(seen, points, others, law.plans, self._offset_rate, self._period, self._offsets, targets)
         ll.slower_inside(seen, targets, law.plans)
 
-    def _ask(self, rows: VehicleRows) -> None:
-        """Ask less speed of who runs wide in a bend: it has no lean left to come back with."""
-        speed, aside = rows.look[:, SPEED], rows.look[:, LATERAL_ERROR]
-        bend = self.references.at(rows.look[:, [PROGRESS]])[0][:, 0] * speed**2
-        wide = np.where(np.abs(bend) > BENDING, -np.sign(bend) * aside, 0.0) - WIDE
-        self.references.share[:] = self._asked * (1.0 - np.clip(np.nan_to_num(WIDE_PACE * wide), 0.0, WIDE_MOST))
-
     def state_dict(self) -> dict[str, Any]:
         """Return the memory, as arrays."""
         law = {"observer": self.observer.state_dict()} if self._guide is None else self._guide.state_dict()
         inferred = {"reflex": self._reflex.state_dict()}
         inferred |= {} if self._grip is None else {"inferred": self._grip.state_dict()}
-        inferred |= {} if self.wind is None else {"wind": self.wind.state_dict(), "share": self.references.share.copy()}
+        inferred |= {} if self.wind is None else {"wind": self.wind.state_dict()}
         own = {"offsets": self._offsets.copy()} if self._offset_rate else {}
         return {name: getattr(self.memory, name).copy() for name in _STORED} | own | law | inferred
 
@@ -295,7 +276,6 @@ class RaceInterface:
             self._guide.restore(stored)
         if self.wind is not None:
             self.wind.restore(stored["wind"])
-            self.references.share[:] = stored["share"]
         if self._grip is not None:
             self._grip.restore(stored["inferred"])
             self._show_grip(self._grip)
