@@ -18,6 +18,7 @@ from bike_sim.planning import envelope, lap_limit
 from bike_sim.planning.line_cache import FOLDER_VARIABLE, cache_folder
 from bike_sim.vehicles.files import load_superbike
 from bike_sim.vehicles.superbike import Superbike
+from bike_training.cli import LINEAR_ALGEBRA_THREADS
 from tests.circuits import OVAL, write_kidney
 
 ROOT = Path(__file__).parents[1]
@@ -85,6 +86,8 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ[FOLDER_VARIABLE] = str(lines)
     kept = config.cache.mkdir("jax") if config.cache else Path(folder.name) / "jax"
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(kept)
+    # As in commands: tests run side by side, and threads of matrix products would wait for each other.
+    os.environ.setdefault(LINEAR_ALGEBRA_THREADS, "1")
     os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"

@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import re
 import resource
 import shutil
@@ -61,6 +62,22 @@ def test_help_comes_at_once_and_shows_how_to_use_a_command():
 class Terminal(io.StringIO):
     def isatty(self) -> bool:
         return True
+
+
+@pytest.mark.parametrize(("given", "threads"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "2"}, "2")])
+def test_matrix_products_of_a_command_have_one_thread_unless_somebody_asks_for_more(given, threads):
+    """Which is decided before NumPy is loaded, since later it is not heard."""
+    code = """
+import os, sys
+import bike_training.cli
+assert "numpy" not in sys.modules
+sys.argv = ["bike", "--version"]
+bike_training.cli.main()
+print(os.environ["OPENBLAS_NUM_THREADS"])
+"""
+    environment = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")} | given
+    told = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert told.stdout.split()[-1] == threads
 
 
 def test_progress_is_one_speed_in_a_terminal_and_few_lines_in_a_log(capfd, monkeypatch):

@@ -25,6 +25,8 @@ from bike_training.interruption import SHELL_BASE, interrupt, leave_at_once, sig
 
 LOADS_LONG: Final = 1.5
 """Time after which a line tells that a command is being loaded, s."""
+LINEAR_ALGEBRA_THREADS: Final = "OPENBLAS_NUM_THREADS"
+"""Variable of the environment with the number of threads of NumPy's matrix products."""
 MAX_ERROR: Final = 300
 """Characters of an error's line."""
 
@@ -39,6 +41,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0 when it did what was asked and its figures hold, 1 when its figures do not hold, 2 for bad input, 130 when
         interrupted by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP.
     """
+    if arguments is None:
+        # Before NumPy is loaded: its products here are small. Threads wait for each other, ten times as long beside
+        # another program, and how many there are changes the last bits of a batch.
+        os.environ.setdefault(LINEAR_ALGEBRA_THREADS, "1")
     code = _run(list(sys.argv[1:] if arguments is None else arguments), alone=arguments is None)
     if arguments is None and code > SHELL_BASE:
         # All is closed by now. Python's own farewell would unload compilers and middleware for another second.
