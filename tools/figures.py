@@ -156,13 +156,17 @@ def median_lap(row: dict[str, str]) -> str:
     return row.get("later_s") or row["median_s"]
 
 
+def over_closest(row: dict[str, str]) -> float:
+    """Return by how much that lap is over the theoretical one of the closest line, %."""
+    return 100.0 * (float(median_lap(row)) / float(row["theory_s"]) - 1.0)
+
+
 def pairs(name: str) -> str:
     """Return a table of a rider's laps, one line for each machine and circuit."""
     rows = []
     for row in read_records(name):
         numbers = {key: float(row[key]) for key in ("best_s", "line_distance_m")} | {"median_s": float(median_lap(row))}
-        excess = 100.0 * (numbers["median_s"] / float(row["theory_s"]) - 1.0)
-        rows.append(cells(PAIRS.values(), row | numbers | {"median_excess": excess}))
+        rows.append(cells(PAIRS.values(), row | numbers | {"median_excess": over_closest(row)}))
     return markdown([list(PAIRS), *rows]) + origin(DATA / f"{name}.csv")
 
 
@@ -180,8 +184,8 @@ def gains(name: str) -> str:
     first = tables[files[0]]
     for rider, rows in tables.items():
         whole, rides = (sum(int(row[key]) for row in rows.values()) for key in ("whole", "rides"))
-        excess = np.mean([100.0 * float(row["median_excess"]) for row in rows.values()])
-        gain = np.array([100.0 * (1.0 - float(rows[p]["median_s"]) / float(first[p]["median_s"])) for p in first])
+        excess = np.mean([over_closest(row) for row in rows.values()])
+        gain = np.array([100.0 * (1.0 - float(median_lap(rows[p])) / float(median_lap(first[p]))) for p in first])
         half = student.ppf(0.975, len(gain) - 1) * gain.std(ddof=1) / len(gain) ** 0.5
         paired = "-" if rows is first else f"{gain.mean():.2f} ± {half:.2f} %"
         table.append([read_head(DATA / f"{rider}.csv")["rider"], f"{whole} of {rides}", f"{excess:.2f} %", paired])
@@ -264,8 +268,7 @@ def random_circuits(name: str) -> str:
     rows = []
     for machine, laps in by_machine.items():
         rides, whole = (sum(int(lap[key]) for lap in laps) for key in ("rides", "whole"))
-        timed = [lap for lap in laps if median_lap(lap)]
-        excess = sorted(100.0 * (float(median_lap(lap)) / float(lap["theory_s"]) - 1.0) for lap in timed)
+        excess = sorted(over_closest(lap) for lap in laps if median_lap(lap))
         middle = 0.5 * (excess[(len(excess) - 1) // 2] + excess[len(excess) // 2])
         rows.append([machine, f"{whole} of {rides}", *(f"{value:.1f} %" for value in (middle, excess[0], excess[-1]))])
     names = ("machine", "rides whole", "median over the closest line", "least", "largest")
@@ -349,7 +352,7 @@ def headline(name: str) -> str:
     modes = {row["figure"]: row["`pybullet` 1 ms"] for row in read_records("bicycle_validation")}
     engines = {row["figure"]: float(row["value"].replace(",", "")) for row in read_records("speed")}
     pairs_ = read_records("racer_pairs")
-    racer = [100.0 * float(row["median_excess"]) for row in pairs_]
+    racer = [over_closest(row) for row in pairs_]
     machines = {row["vehicle"] for row in pairs_}
     classical = [
         float(row["excess of closest"].rstrip("%"))

@@ -21,11 +21,13 @@ from bike_training.reproduce.paper import all_tables
 from bike_training.reproduce.statement import verdict_table
 from bike_training.reproduce.superbike import SUPERBIKE, SuperbikeExperiment
 from bike_training.reproduce.superbike_results import (
+    ABLATIONS,
     CIRCUITS,
     KINDS,
     MACHINES,
     PAPER,
     STATEMENTS,
+    TABLES,
     best_run,
     circuit_of,
     overshoots,
@@ -206,9 +208,6 @@ def test_both_settings_differ_in_their_curriculum_alone() -> None:
     assert [run.seed for run in runs] == [0] * 6 + [1] * 6
 
 
-ABLATIONS = "swings", "unplanned-reward", "unplanned-observation", "no-lean-history", "no-failures", "no-mirror"
-
-
 def test_ablations_are_sac_with_one_thing_changed() -> None:
     experiment = SuperbikeExperiment(seeds=(0,))
     runs = [run.job().settings.preset for run in experiment.sweep().runs]  # type: ignore[attr-defined]
@@ -232,6 +231,25 @@ def test_ablations_are_sac_with_one_thing_changed() -> None:
         {"learner.mirror"},
     ]
     assert presets["stages"].curriculum == replace(presets["schedule"].curriculum, stages=4)
+
+
+def test_an_ablation_stands_beside_sac_and_a_curriculum_beside_the_schedule() -> None:
+    runs = [(name, seed) for name in ("sac", "schedule", "no-mirror") for seed in range(5)]
+    data = tables(
+        PAPER,
+        runs=[(*run, "finished", 300_000, -1, 300.0) for run in runs],
+        validations=[(*run, 10_000, 1, 1.0 if run[0] == "no-mirror" else 0.1) for run in runs],
+        laps=[(*run, *laps("sac", run[1], "late")[2:]) for run in runs],
+    )
+    same = "100 (100 to 100) | +0 to +0 | 100 (100 to 100) | +0 to +0"
+    base = "100 (100 to 100) | | 100 (100 to 100) |"
+    none = "0 (0 to 0) | -100 to -100 | 100 (100 to 100) | +0 to +0"
+    expected = {"Ablations": {"sac": base, "no-mirror": none}, "Curricula": {"sac": same, "schedule": base}}
+    for table_name, rows in expected.items():
+        text = TABLES[f"{table_name}: Panigale, Barcelona"](data)
+        assert [line.rpartition(" | ")[0] for line in text.strip().splitlines()[2:]] == [
+            f"| {name} | 5 | {cells}" for name, cells in rows.items()
+        ]
 
 
 def test_tables_come_back_and_are_drawn_without_learning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
