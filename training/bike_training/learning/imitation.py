@@ -97,7 +97,7 @@ def told_grip(true: FloatArray, inferred: GripMemory | None) -> tuple[FloatArray
         return grip, grip
     caution = STARTING_CAUTION * np.maximum(np.sqrt(inferred.variance) - SURE, 0.0)
     grip = np.minimum(np.minimum(grip, inferred.grip), inferred.expected)
-    return grip, np.minimum(grip, inferred.grip - caution)
+    return grip, np.minimum(grip, inferred.grip - caution) - (inferred.expected - inferred.planned)
 
 
 class Teacher:
@@ -160,13 +160,10 @@ class Teacher:
             interface = self._interfaces[part]
             share = interface.references.share
             pace = np.stack((np.zeros(len(share)), share - 1.0), axis=1)
-            grip, expected = told_grip(true[part :: self._kinds], interface.grip_memory)
-            pushes = None
-            if interface.wind is not None:
-                expected, pushes = expected - interface.wind.lost, interface.wind.push
-            found[part :: self._kinds] = law.follow(
-                rows, grip, expected, pace, delays=self._delays[part], pushes=pushes
-            )
+            inferred = interface.grip_memory
+            grip, planned = told_grip(true[part :: self._kinds], inferred)
+            pushes = None if inferred is None else inferred.push
+            found[part :: self._kinds] = law.follow(rows, grip, planned, pace, delays=self._delays[part], pushes=pushes)
         return np.clip(np.nan_to_num(found) / self._scale, -1.0, 1.0).astype(np.float32)
 
     def _grip_of(self, row: int) -> float:

@@ -91,6 +91,7 @@ class GripMemory:
         grip: inferred factor on the friction of the known tyres, shape (n,).
         variance: of its error, shape (n,).
         expected: grip here and shortly ahead, shape (n,).
+        wind: of careful riders, which keep grip in reserve for it; None for others.
     """
 
     def __init__(self, vehicle: Superbike, period: float, count: int = 1, unseen: float = 0.0) -> None:
@@ -109,6 +110,22 @@ class GripMemory:
         self._part, self._parts = np.full(count, -1), np.ones(count, dtype=np.int64)
         self._lap: FloatArray = np.full((count, 1), np.inf)
         self._state: FloatArray = np.full((count, len(STATE)), np.nan)
+        self.wind = WindObserver(vehicle, period, count) if unseen > 0.0 else None
+
+    @property
+    def held(self) -> FloatArray:
+        """Grip that holds a lean, shape (n,): of careful riders no more than is expected."""
+        return self.grip if self.wind is None else np.minimum(self.grip, self.expected)
+
+    @property
+    def planned(self) -> FloatArray:
+        """Grip that is planned for, shape (n,): the expected one less what is kept for the wind."""
+        return self.expected if self.wind is None else self.expected - self.wind.lost
+
+    @property
+    def push(self) -> FloatArray | None:
+        """Lateral acceleration by the wind, m/s^2 to the left, shape (n,); None where nobody infers it."""
+        return None if self.wind is None else self.wind.push
 
     def begin(self, row: int, line: Course, ridden: FloatArray | None = None) -> None:
         """Begin a ride of a closed line.
@@ -129,14 +146,22 @@ class GripMemory:
             firsts = np.arange(parts) * len(ridden) // parts
             self._lap[row, :parts] = np.minimum.reduceat(ridden, firsts)
         self.grip[row], self.variance[row], self.expected[row] = grip, FIRST_ERROR**2, grip - unseen
+        if self.wind is not None:
+            self.wind.begin(row, line)
 
-    def update(self, rows: VehicleRows, errors: FloatArray) -> FloatArray:
-        """Take in a control period and return the expected grip, shape (n,); the same again for the same rows.
+    def update(self, measured: VehicleRows, observer: RideObserver) -> VehicleRows:
+        """Take in a control period; the same rows again change nothing.
 
         Args:
-            rows: as the rider sees them.
-            errors: standard deviation of the force that the tyre law predicts, by the weight, shape (n,).
+            measured: all machines, as they are measured.
+            observer: of what is measured.
+
+        Returns:
+            What the observer shows of them.
         """
+        rows, errors = observer.observe(measured), observer.force_errors
+        if self.wind is not None:
+            self.wind.update(measured)
         seen = np.nan_to_num(rows.look[:, [PROGRESS, SPEED]])
         fresh = (rows.state != self._state).any(axis=1)
         self._state = rows.state.copy()
@@ -145,7 +170,7 @@ class GripMemory:
         signals = np.nan_to_num(rows.signals)[:, _COLUMNS]
         _update(signals, fresh, self.grip, self.variance, errors, self._weight, *self._tyres)
         self.expected = self.ahead(seen[:, 0])
-        return self.expected
+        return rows
 
     def ahead(self, progress: FloatArray) -> FloatArray:
         """Return the grip here and shortly ahead, shape (n,), and remember it for the next lap.
@@ -166,12 +191,15 @@ class GripMemory:
 
     def state_dict(self) -> dict[str, FloatArray]:
         """Return all of it, as arrays."""
-        return {name: getattr(self, name).copy() for name in _STORED}
+        wind = {} if self.wind is None else self.wind.state_dict()
+        return {name: getattr(self, name).copy() for name in _STORED} | wind
 
     def restore(self, stored: Mapping[str, FloatArray]) -> None:
         """Continue from what :meth:`state_dict` returned, after each row has begun again."""
         for name in _STORED:
             setattr(self, name, stored[name].copy())
+        if self.wind is not None:
+            self.wind.restore(stored)
 
 
 class ShakeReflex:
@@ -346,9 +374,7 @@ class AdaptiveLaw:
         self._planned = plans_of(vehicle, period, settings, plan)
         self._plans: dict[int, GripPlans] = {}
         self._level = np.ones(count)
-        careful = settings.unseen > 0.0
-        self._wind = WindObserver(vehicle, period, count) if careful else None
-        self._reflex = ShakeReflex(careful, period, count)
+        self._reflex = ShakeReflex(settings.unseen > 0.0, period, count)
 
     def plans(self, line: Course) -> GripPlans:
         """Return the plans of a line, made once for the same object.
@@ -369,8 +395,6 @@ class AdaptiveLaw:
         self.memory.begin(row, line)
         self.observer.begin(row, line)
         self._level[row] = 1.0
-        if self._wind is not None:
-            self._wind.begin(row, line)
         self._reflex.begin(row)
 
     def commands(self, rows: VehicleRows, step: int = 0, targets: FloatArray | None = None) -> FloatArray:
@@ -381,14 +405,11 @@ class AdaptiveLaw:
             step: control periods since they began.
             targets: see `LineLaw.commands`.
         """
-        measured, rows = rows, self.observer.observe(rows)
-        expected, pushes = self.memory.update(rows, self.observer.force_errors), None
-        grip = self.memory.grip
-        if self._wind is not None:
-            self._wind.update(measured)
-            grip, expected, pushes = np.minimum(grip, expected), expected - self._wind.lost, self._wind.push
+        rows = self.memory.update(rows, self.observer)
         # The delay that the observer finds is left out: looking so much farther ahead loses rides that are not lost so.
-        commands = self.follow(rows, grip, expected, targets, self.observer.rates, pushes=pushes)
+        commands = self.follow(
+            rows, self.memory.held, self.memory.planned, targets, self.observer.rates, pushes=self.memory.push
+        )
         self.observer.answered(commands)
         return commands
 
@@ -425,7 +446,6 @@ class AdaptiveLaw:
     def state_dict(self) -> dict[str, Any]:
         """Return what is remembered of the rides, as arrays."""
         law = {"law": self.law.memory.copy(), "level": self._level.copy(), "observer": self.observer.state_dict()}
-        law |= {} if self._wind is None else {"wind": self._wind.state_dict()}
         return law | self._reflex.state_dict() | self.memory.state_dict()
 
     def restore(self, stored: Mapping[str, Any]) -> None:
@@ -433,8 +453,6 @@ class AdaptiveLaw:
         self.memory.restore(stored)
         self.observer.restore(stored["observer"])
         self._level = stored["level"].copy()
-        if self._wind is not None:
-            self._wind.restore(stored["wind"])
         self._reflex.restore(stored)
         for row in np.flatnonzero(self._level != 1.0).tolist():
             self.law.change(row, self._plans[row].on(float(self._level[row])), stored["law"][row, :SEEN])

@@ -49,7 +49,6 @@ from bike_policy.planning.plan_verification import Rollouts, verified_margin, ve
 from bike_policy.planning.racecraft import guard_targets
 from bike_policy.planning.reference import OPEN, ReferenceRows
 from bike_policy.planning.ride_observer import RideObserver
-from bike_policy.planning.wind_observer import WindObserver
 from bike_policy.riders.base import LearnedRider
 from bike_sim.course.course import Course
 from bike_sim.physics.superbike.statics import engine_force
@@ -136,9 +135,7 @@ class RaceInterface:
                 plans_of(vehicle, period, CLASSICAL_SETTINGS, partial(plan_line, vehicle, settings=CLASSICAL_SETTINGS))
             )
         self._grip = GripMemory(vehicle, period, count, layout.unseen) if adaptive else None
-        careful = layout.unseen > 0.0
-        self.wind = WindObserver(vehicle, period, count) if careful else None
-        self._reflex = ShakeReflex(careful, period, count)
+        self._reflex = ShakeReflex(layout.unseen > 0.0, period, count)
         self._guide = None
         if action.guided and layout.sees_others:  # it rides the plans of the classical riders that it meets
             base = plan or (lambda line: verified_plan(vehicle, line, CLASSICAL_SETTINGS, period))
@@ -157,7 +154,7 @@ class RaceInterface:
             guide=np.zeros((count, 4)),
             vehicle=vehicle_descriptor(vehicle),
             grip=np.ones((count, 3)),
-            push=np.zeros(count) if self.wind is None else self.wind.push,
+            push=np.zeros(count),
             references=self.references,
         )
 
@@ -203,10 +200,9 @@ class RaceInterface:
             self.references.grip[row], self.memory.grip[row] = expected, (expected, 1.0, FIRST_ERROR)
         self.references.begin(row, self._planned(line), self._layout.share if share is None else share, cap)
         memory, state = self.memory, rows.state[row]
-        memory.rolls[row], memory.steers[row], memory.actions[row] = state[ROLL], state[STEER], 0.0
+        memory.rolls[row], memory.steers[row] = state[ROLL], state[STEER]
+        memory.actions[row] = memory.push[row] = 0.0
         self._reflex.begin(row)
-        if self.wind is not None:
-            self.wind.begin(row, line)
         if self._offset_rate and self._guide is not None:  # it goes to its line from where it is
             self._offsets[row] = self._guide.law.memory[row, ll.OFFSET] = rows.look[row, LATERAL_ERROR]
 
@@ -232,12 +228,10 @@ class RaceInterface:
 
     def commands(self, rows: VehicleRows) -> FloatArray:
         """Return what the actions become in a control period: steering and throttle in [-1, 1], shape (n, 2)."""
-        if self.wind is not None:
-            self.wind.update(rows)
         actions, seen = self.memory.actions[:, 0], self.observer.observe(rows)
         if self._grip is not None:
-            self._grip.update(seen, self.observer.force_errors)
-            self._show_grip(self._grip)
+            self._grip.update(rows, self.observer)
+            self._show(self._grip)
         if self._guide is None:
             commands = self._action.to_commands(actions, self._max_steer, rows.look[:, SPEED])
             return self._reflex.commands(seen, commands)
@@ -260,7 +254,6 @@ class RaceInterface:
         law = {"observer": self.observer.state_dict()} if self._guide is None else self._guide.state_dict()
         inferred = {"reflex": self._reflex.state_dict()}
         inferred |= {} if self._grip is None else {"inferred": self._grip.state_dict()}
-        inferred |= {} if self.wind is None else {"wind": self.wind.state_dict()}
         own = {"offsets": self._offsets.copy()} if self._offset_rate else {}
         return {name: getattr(self.memory, name).copy() for name in _STORED} | own | law | inferred
 
@@ -274,19 +267,17 @@ class RaceInterface:
             self.observer.restore(stored["observer"])
         else:
             self._guide.restore(stored)
-        if self.wind is not None:
-            self.wind.restore(stored["wind"])
         if self._grip is not None:
             self._grip.restore(stored["inferred"])
-            self._show_grip(self._grip)
+            self._show(self._grip)
         self._reflex.restore(stored["reflex"])
 
-    def _show_grip(self, inferred: GripMemory) -> None:
+    def _show(self, inferred: GripMemory) -> None:
         """Plan the reference for the expected grip, and show what is inferred."""
-        expected = inferred.expected if self.wind is None else inferred.expected - self.wind.lost
-        self.references.grip[:] = expected
-        shown = (expected, inferred.grip, np.sqrt(inferred.variance))
-        self.memory.grip[:] = np.stack(shown, axis=1)
+        self.references.grip[:] = inferred.planned
+        self.memory.grip[:] = np.stack((inferred.planned, inferred.grip, np.sqrt(inferred.variance)), axis=1)
+        if inferred.push is not None:
+            self.memory.push[:] = inferred.push
 
 
 def with_passing_room(plan: LinePlan, room: float) -> LinePlan:
