@@ -10,6 +10,7 @@ import argparse
 import csv
 import json
 import os
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -116,6 +117,23 @@ def riders(answers: Sequence[Any]) -> Rows:
     rows = [[name, *(RIDDEN.format(**rider) for rider in each)] for name, each in groups]
     kind = "disturbances" if len(answers) == 1 else "path"
     return [[kind, *(f"{name}: rides; mean, worst mean, largest" for name in names)], *rows]
+
+
+def draws(answers: Sequence[Any]) -> Rows:
+    """Return riders of the bicycle under draws of the same disturbances, a row for each speed."""
+    names = [rider["policy"] for rider in answers[0]["figures"]["riders"]]
+    found: dict[tuple[float, str], list[Any]] = {}
+    for rider in (rider for answer in answers for rider in answer["figures"]["riders"]):
+        for ride in (ride for each in rider["disturbed"] for ride in each["rides"]):
+            found.setdefault((ride["speed_m_s"], rider["policy"]), []).append(ride)
+    rows = []
+    for speed in sorted({speed for speed, _ in found}):
+        rows.append([f"{speed:g}"])
+        for rides in (found[speed, name] for name in names):
+            whole, means = sum(ride["completed"] for ride in rides), [ride["mean_m"] for ride in rides]
+            largest = max(ride["max_m"] for ride in rides)
+            rows[-1].append(f"{whole} of {len(rides)}; {statistics.mean(means):.4f}, {max(means):.4f}, {largest:.3f} m")
+    return [["speed, m/s", *(f"`{name}`: rides; mean, worst mean, largest" for name in names)], *rows]
 
 
 def estimates(answers: Sequence[Any]) -> Rows:
@@ -245,6 +263,7 @@ TABLES: Final[Mapping[str, Table]] = {
     "bicycle_evaluation": Table(columns("rides", **EVALUATION)),
     "bicycle_riders": Table(riders),
     "bicycle_disturbances": Table(riders),
+    "bicycle_noise": Table(draws, tuple(f"--seed {seed}" for seed in range(20))),
     "bicycle_estimates": Table(estimates),
     "outside_paths": Table(
         riders, tuple(f"--course {path.relative_to(ROOT)}" for path in sorted(DATA.glob("paths/*")))

@@ -173,6 +173,15 @@ def test_evaluate_rides_a_line_with_a_known_law(policy, tmp_path, capsys, monkey
     assert figures["worst_max_m"] < 1e-6
 
 
+def test_the_seed_of_an_evaluation_draws_other_noise(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("bike_training.commands.evaluate.stability", lambda rider: {})
+    words = ["evaluate", "lqr", "--course", "line", "--speeds", "7", "--random-rides", "0", "--disturbances", "noise"]
+    words += ["--engine", "whipple", "--time-step", "0.01", "--out", str(tmp_path)]
+    found = [run_json(capsys, *words, "--seed", seed)[1]["figures"]["disturbed"][0] for seed in ("0", "1", "0")]
+    assert found[0] == found[2]
+    assert found[0]["worst_mean_m"] != found[1]["worst_mean_m"]
+
+
 SMALL = ("layers=8,8", "environments=4", "updates=4", "buffer_size=1000", "learning_starts=200")
 SMALL_WORDS = ["--set", "learner=sb3", *(word for setting in SMALL for word in ("--set", f"learner.{setting}"))]
 

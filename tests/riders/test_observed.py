@@ -91,10 +91,11 @@ def test_noise_is_found_and_filtered() -> None:
 
 
 @pytest.mark.parametrize("name", [DEFAULT_POLICY, "lqr"])
-@pytest.mark.parametrize("speed", [2.0, 7.0])
-def test_a_start_on_six_times_the_noise_is_no_fall(name: str, speed: float) -> None:
+@pytest.mark.parametrize(("speed", "seed"), [(2.0, 0), (7.0, 0), (2.0, 2), (3.0, 6), (4.0, 12), (5.0, 15), (3.0, 17)])
+def test_a_start_on_six_times_the_noise_is_no_fall(name: str, speed: float, seed: int) -> None:
+    """Whoever steers by the first measurements alone falls with most of these seeds."""
     usual = load_disturbances("noise")
-    strong = replace(usual, noise={channel: 6.0 * size for channel, size in usual.noise.items()})
+    strong = replace(usual, seed=seed, noise={channel: 6.0 * size for channel, size in usual.noise.items()})
     snapshots, rider = ride(name, strong, speed, steps=200)
     assert len(snapshots) == 200
     assert not snapshots[-1].fallen

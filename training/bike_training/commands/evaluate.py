@@ -8,6 +8,7 @@ import itertools
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import closing
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -106,6 +107,7 @@ def _disturbed(
     args: argparse.Namespace, rider: Rider, config: SimulatorConfig, disturbances: Disturbances
 ) -> dict[str, Any]:
     """Return the figures of rides on the course under disturbances."""
+    disturbances = replace(disturbances, seed=disturbances.seed + args.seed)
     client, between = Simulator(config, disturbances), DisturbedRider(rider, disturbances)
     try:
         figures = evaluate(

@@ -136,15 +136,20 @@ class Observer:
             measured: minimal state with the errors of sensors.
         """
         if self._last is not None:
-            self._predict()
+            self._predict(self._sent[-1 - self.delay])
         if self._last is None or not _is_covariance(self._spread):
             # In a fall the transition grows without bound; what was known before says nothing any more.
             self._begin(measured)
         else:
             self._judge_delay(measured, self._last)
-            exact = not self.noisy
+            known, early = self.noise, self._judged < _OFTEN
             self._judge_noise(measured, self._last)
-            if exact and self.noisy:
+            changed = not np.array_equal(self.noise, known)
+            if early:
+                self._since.append((measured.copy(), self._sent[-1 - self.delay]))
+            if changed and early:
+                self._again()
+            elif changed and not known.any():
                 self._believe(measured)  # what was made of errors that counted as exact is worth nothing
             else:
                 self._filter(measured)
@@ -157,8 +162,21 @@ class Observer:
             self._advance(state, self._sent[-late])
         return state
 
+    def _again(self) -> None:
+        """Filter all that was measured since the begin once more, with the noise that is known by now."""
+        self._beyond[:] = 0.0
+        self._believe(self._first)
+        for measured, steer_set in self._since:
+            self._predict(steer_set)
+            if _is_covariance(self._spread):
+                self._filter(measured)
+            else:
+                self._believe(measured)
+
     def _begin(self, measured: st.StateVector) -> None:
         """Forget all but the delay."""
+        self._first = measured.copy()
+        self._since: list[tuple[st.StateVector, float]] = []
         self._differences: deque[FloatArray] = deque(maxlen=_WINDOW)
         self._judged = 0
         self._beyond = np.zeros(1 + len(_RATES))
@@ -178,9 +196,8 @@ class Observer:
     def _advance(self, state: st.StateVector, steer_set: float) -> None:
         advance(state, steer_set, self._period / self._substeps, self._substeps, self._vehicle.parameters)
 
-    def _predict(self) -> None:
-        """Go on from the last state, with what is believed of the delay, to the instant that is measured now."""
-        steer_set = self._sent[-1 - self.delay]
+    def _predict(self, steer_set: float) -> None:
+        """Go on from the last state to the instant that is measured next, with the command that acts, rad."""
         self._expected = self.state.copy()
         self._advance(self._expected, steer_set)
         moves = self._transition(self.state, self._expected, steer_set)
@@ -206,7 +223,7 @@ class Observer:
         if self._against[self.delay] - self._against[best] > _CONVINCED:
             self.delay = best
             self._begin(last)
-            self._predict()
+            self._predict(self._sent[-1 - self.delay])
 
     def _judge_noise(self, measured: st.StateVector, last: st.StateVector) -> None:
         """Judge how far measurements lie from what the measurements before them let expect."""
