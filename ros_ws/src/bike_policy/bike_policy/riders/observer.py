@@ -178,7 +178,7 @@ class Observer:
         self._first = measured.copy()
         self._since: list[tuple[st.StateVector, float]] = []
         self._differences: deque[FloatArray] = deque(maxlen=_WINDOW)
-        self._judged = 0
+        self._judged, self._noisy = 0, np.zeros(_SIZE, dtype=bool)
         self._beyond = np.zeros(1 + len(_RATES))
         self.noise = np.zeros(_SIZE)
         self._believe(measured)
@@ -236,9 +236,10 @@ class Observer:
         away = np.abs(self._differences - np.median(self._differences, axis=0))
         # 1.4826 is the normal distribution's.
         deviation = 1.4826 * _BOTH * np.median(away, axis=0)
-        noisy = deviation > np.where(self.noise > 0.0, 0.5 * _EXACT, _EXACT)
+        noisy = self._noisy = deviation > np.where(self._noisy, 0.5 * _EXACT, _EXACT)
         if self._judged <= _OFTEN:  # the median of a few may be far too small, and then a start is a fall
             deviation = _BOTH * away.max(axis=0)
+            noisy = noisy.any() & (deviation > _EXACT)  # nor is one sensor noisy alone
         self.noise = np.where(noisy, deviation, 0.0)
 
     def _filter(self, measured: st.StateVector) -> None:
@@ -274,11 +275,14 @@ class Observer:
         moved = after[[st.X, st.Y]] - before[[st.X, st.Y]]
         moves[0, 0] = math.cos(after[st.YAW] - before[st.YAW])
         moves[0, 1] = cos * moved[0] + sin * moved[1]
+        # Of the same steps: errors of others, divided by _STEP, would be large where the bicycle moves quickly.
+        plain = before.copy()
+        advance(plain, steer_set, self._period / 2, 2, self._vehicle.parameters)
         for column, place in enumerate(_FREE, start=2):
             varied = before.copy()
             varied[place] += _STEP
             advance(varied, steer_set, self._period / 2, 2, self._vehicle.parameters)
-            moves[:_SIZE, column] = _difference(varied, after) / _STEP
+            moves[:_SIZE, column] = _difference(varied, plain) / _STEP
         return moves
 
 
