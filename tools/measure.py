@@ -155,6 +155,22 @@ def races(answers: Sequence[Any]) -> Rows:
     return [list(found[0]), *(list(race.values()) for race in found)]
 
 
+ENGINES: Final = {
+    "compiled, 1 ms": "--time-step 0.001", "compiled, 2 ms": "--time-step 0.002",
+    "compiled, 4 ms": "--time-step 0.004", "PyBullet, 2 ms": "--engine pybullet",
+}  # fmt: skip
+
+
+def engines(answers: Sequence[Any]) -> Rows:
+    """Return rides of the same starts on each of `ENGINES`, a row for each rider, machine and circuit."""
+    found: dict[tuple[str, ...], list[str]] = {}
+    for figures in (answer["figures"] for answer in answers):
+        for race in figures["races"]:
+            texts = found.setdefault((f"`{figures['policy']}`", race["vehicle"], race["circuit"]), [])
+            texts.append("{whole} of {rides}; {median_s:.2f} s".format(**race))
+    return [["rider", "machine", "circuit", *ENGINES], *([*key, *texts] for key, texts in found.items())]
+
+
 def speeds(answers: Sequence[Any]) -> Rows:
     """Return all single figures of the benchmark."""
     figures = {key: value for key, value in answers[0]["figures"].items() if isinstance(value, float)}
@@ -285,6 +301,9 @@ TABLES: Final[Mapping[str, Table]] = {
     "guide_pairs": Table(races),
     "adaptive_disturbed": Table(races),
     "adaptive_pairs": Table(races),
+    "adaptive_engines": Table(
+        engines, tuple(f"{rider} {words}" for rider in ("adaptive", "classical") for words in ENGINES.values())
+    ),
     "adaptive_random": Table(races, _circuits(100, 199)),
     "classical_disturbed": Table(races),
     "worlds": Table(worlds, ("careful", "adaptive")),
