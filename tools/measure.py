@@ -10,7 +10,6 @@ import argparse
 import csv
 import json
 import os
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -24,6 +23,7 @@ from figures import DATA, ROOT, SOURCES, changed_sources, read_head
 
 from bike_policy.contract.bundle import shipped_policies
 from bike_training.gymnasium_ids import BENCHMARK_STEPS
+from bike_training.rollout.evaluation import summary
 
 CLASSES: Final[Mapping[str, float]] = {"minutes": 900.0, "hour": 7200.0, "days": float("inf")}
 """Longest duration of a measurement, s."""
@@ -104,36 +104,37 @@ RIDERS: Final = (
 RIDDEN: Final = "{completed_count} of {rides_count}; {average_mean_m:.4f}, {worst_mean_m:.4f}, {worst_max_m:.3f} m"
 
 
+def ridden_by(rider: str) -> str:
+    """Return the heading of a column of `RIDDEN`."""
+    return f"`{rider}`: rides; mean, worst mean, largest"
+
+
 def riders(answers: Sequence[Any]) -> Rows:
     """Return riders of the bicycle side by side: of one ride, under disturbances, or on several courses."""
     first = answers[0]["figures"]["riders"]
-    names = [f"`{rider['policy']}`" for rider in first]
+    names = [rider["policy"] for rider in first]
     if not first[0]["disturbed"] and len(answers) == 1:
         rows = [[title, paper, *(text.format(**rider) for rider in first)] for title, paper, text in RIDERS]
-        return [["figure", "paper's best controller", *names], *rows]
+        return [["figure", "paper's best controller", *(f"`{name}`" for name in names)], *rows]
     groups = [(Path(a["figures"]["riders"][0]["course"]).stem, a["figures"]["riders"]) for a in answers]
     if len(answers) == 1:
         groups = [(each[0]["disturbances"], each) for each in zip(*(r["disturbed"] for r in first), strict=True)]
     rows = [[name, *(RIDDEN.format(**rider) for rider in each)] for name, each in groups]
     kind = "disturbances" if len(answers) == 1 else "path"
-    return [[kind, *(f"{name}: rides; mean, worst mean, largest" for name in names)], *rows]
+    return [[kind, *map(ridden_by, names)], *rows]
 
 
 def draws(answers: Sequence[Any]) -> Rows:
     """Return riders of the bicycle under draws of the same disturbances, a row for each speed."""
-    names = [rider["policy"] for rider in answers[0]["figures"]["riders"]]
-    found: dict[tuple[float, str], list[Any]] = {}
+    found: dict[float, dict[str, list[Any]]] = {}
     for rider in (rider for answer in answers for rider in answer["figures"]["riders"]):
         for ride in (ride for each in rider["disturbed"] for ride in each["rides"]):
-            found.setdefault((ride["speed_m_s"], rider["policy"]), []).append(ride)
-    rows = []
-    for speed in sorted({speed for speed, _ in found}):
-        rows.append([f"{speed:g}"])
-        for rides in (found[speed, name] for name in names):
-            whole, means = sum(ride["completed"] for ride in rides), [ride["mean_m"] for ride in rides]
-            largest = max(ride["max_m"] for ride in rides)
-            rows[-1].append(f"{whole} of {len(rides)}; {statistics.mean(means):.4f}, {max(means):.4f}, {largest:.3f} m")
-    return [["speed, m/s", *(f"`{name}`: rides; mean, worst mean, largest" for name in names)], *rows]
+            found.setdefault(ride["speed_m_s"], {}).setdefault(rider["policy"], []).append(ride)
+    rows = [
+        [f"{speed:g}", *(RIDDEN.format(**summary("", rides)) for rides in of.values())]
+        for speed, of in sorted(found.items())
+    ]
+    return [["speed, m/s", *map(ridden_by, next(iter(found.values())))], *rows]
 
 
 def estimates(answers: Sequence[Any]) -> Rows:

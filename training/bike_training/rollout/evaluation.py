@@ -67,14 +67,20 @@ def evaluate(
             tick()
     return {
         "course": course_name,
-        **_summary("", rides),
+        **summary("", rides),
         "rides": rides,
-        **_summary("random_", randoms),
+        **summary("random_", randoms),
         "random": randoms,
     }
 
 
-def _summary(prefix: str, rides: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def summary(prefix: str, rides: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return counts and distances of rides, in names that begin with a prefix; nothing of none.
+
+    Args:
+        prefix: of the names.
+        rides: figures of each, see `RideResult.figures`.
+    """
     if not rides:
         return {}
     return {

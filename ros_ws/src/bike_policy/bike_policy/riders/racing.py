@@ -228,9 +228,11 @@ class RaceInterface:
 
     def commands(self, rows: VehicleRows) -> FloatArray:
         """Return what the actions become in a control period: steering and throttle in [-1, 1], shape (n, 2)."""
-        actions, seen = self.memory.actions[:, 0], self.observer.observe(rows)
-        if self._grip is not None:
-            self._grip.update(rows, self.observer)
+        actions = self.memory.actions[:, 0]
+        if self._grip is None:
+            seen = self.observer.observe(rows)
+        else:
+            seen = self._grip.update(rows, self.observer)
             self._show(self._grip)
         if self._guide is None:
             commands = self._action.to_commands(actions, self._max_steer, rows.look[:, SPEED])
