@@ -56,7 +56,7 @@ def test_presets_of_the_papers_are_theirs() -> None:
             assert preset.task == TASKS["prop" if name == "paper" else name]
     race = load_preset("race_paper")
     assert dict(race.task.weights) == PUBLISHED_RACE
-    assert (race.sac.steps, race.sac.batch_size, race.task.max_steps, race.task.repeat) == (1900 * 5000, 512, 1500, 1)
+    assert (race.sac.steps, race.sac.batch_size, race.task.max_steps, race.task.repeat) == (1900 * 5000, 512, 7500, 1)
     assert (race.curriculum.curriculum, race.curriculum.start_line) == ("spdl", True)
 
 

@@ -19,7 +19,7 @@ from bike_training.reproduce.data import Tables, read_data, table, tables, write
 from bike_training.reproduce.figures import learning
 from bike_training.reproduce.paper import all_tables
 from bike_training.reproduce.statement import verdict_table
-from bike_training.reproduce.superbike import SUPERBIKE, SuperbikeExperiment
+from bike_training.reproduce.superbike import CURRICULA, SUPERBIKE, SuperbikeExperiment
 from bike_training.reproduce.superbike_results import (
     ABLATIONS,
     CIRCUITS,
@@ -206,6 +206,15 @@ def test_both_settings_differ_in_their_curriculum_alone() -> None:
         assert (spdl.compiled, spdl.keep_every) == (True, experiment.early)
         assert mine["iteration"] == other["iteration"] == 5_000  # decisions, as published, of a run of any length
     assert [run.seed for run in runs] == [0] * 6 + [1] * 6
+
+
+def test_who_always_starts_at_the_line_has_time_for_a_slow_lap() -> None:
+    """In shorter episodes the rest of the lap, on which actors are judged, is never seen."""
+    kinds = [kind for kind in CURRICULA if kind.startswith(("plain", "published"))]
+    for run in SuperbikeExperiment(seeds=(0,), settings=tuple(kinds)).sweep().runs:
+        preset = run.job().settings.preset  # type: ignore[attr-defined]
+        assert preset.curriculum.start_line
+        assert preset.task.max_steps * preset.task.repeat * 0.02 > 1.3 * 102.0
 
 
 def test_ablations_are_sac_with_one_thing_changed() -> None:

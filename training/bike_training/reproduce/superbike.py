@@ -51,10 +51,12 @@ NO_PLAN: Final = {
     "task.weights": {name: weight for name, weight in RACE_WEIGHTS.items() if name != "line"},
     "curriculum.share": 10.0,
     "curriculum.start_line": True,
+    "task.max_steps": 2500,
     "curriculum.failure_share": 0.0,
     "learner.mirror": False,
 }
-"""No planned speed in reward or observation, no distance to a line in the reward, starts at the start line."""
+"""No planned speed in reward or observation, no distance to a line in the reward, starts at the start line, and 150 s
+for an episode: who always starts there does not see the rest of the lap in shorter ones."""
 PUBLISHED: Final = {"preset": "race_paper", "learner": "sbx"}
 """The published learner as well, which is that of Stable-Baselines3, by its sibling in JAX: on a GPU, where one is."""
 CURRICULA: Final[Mapping[str, Mapping[str, Any]]] = {

@@ -35,6 +35,8 @@ ABLATIONS: Final = (
     "swings", "unplanned-reward", "unplanned-observation", "no-lean-history", "no-failures", "no-mirror",
 )  # fmt: skip
 """The same of SAC alone with one thing changed."""
+UNPLANNED: Final = tuple(f"plain-{kind}" for kind in KINDS)
+"""Both curricula without a plan in reward or observation."""
 ACTORS: Final = ("early", "late", "best")
 
 
@@ -325,7 +327,12 @@ def _runs(data: Tables) -> str:
 def _curricula(data: Tables) -> str:
     """Every curriculum in Barcelona beside the fixed schedule."""
     kinds = [name for name in data["runs"]["setting"].unique() if circuit_of(name) == CIRCUITS[0]]
-    return _arms(data, [kind for kind in kinds if kind not in ABLATIONS], "schedule")
+    return _arms(data, [kind for kind in kinds if kind not in (*ABLATIONS, *UNPLANNED)], "schedule")
+
+
+def _unplanned(data: Tables) -> str:
+    """Both curricula without a plan, in Barcelona."""
+    return _arms(data, [kind for kind in UNPLANNED if kind in set(data["runs"]["setting"])], UNPLANNED[1])
 
 
 def _ablations(data: Tables) -> str:
@@ -402,6 +409,7 @@ TABLES: Final = {
     "Runs, means with 95 % bootstrap intervals": _runs,
     "Curricula: Panigale, Barcelona": _curricula,
     "Ablations: Panigale, Barcelona": _ablations,
+    "Without a plan: Panigale, Barcelona": _unplanned,
     "Table I: Panigale, Barcelona": _table_1,
     "Table II: three circuits, an actor learned on each": _table_2,
     "Table III: best laps of the best SPDL run of each circuit, on machines that it did not learn on": _table_3,
