@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from safetensors.numpy import load_file
 
 from bike_policy.contract.bundle import Actor
 from bike_policy.planning.grip import AdaptiveLaw, GripMemory, GripPlans
@@ -16,11 +17,14 @@ from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, on_grip,
 from bike_sim.course.course import Course
 from bike_sim.sim.batch import SUPERBIKE_ENGINE
 from bike_sim.vehicles.files import load_superbike
+from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.learning import imitation
-from bike_training.learning.imitation import Imitation, told_grip
+from bike_training.learning.imitation import Imitation
 from bike_training.learning.presets import Preset, load_preset
 from bike_training.learning.process import LearningProcess, make_environment
-from bike_training.learning.run_settings import RunSettings
+from bike_training.learning.process import imitate as imitate_first
+from bike_training.learning.run_settings import IMITATED, RunSettings
+from bike_training.learning.teachers import told_grip
 from bike_training.tasks.race import RaceState
 
 VEHICLE = "panigale_v4r"
@@ -111,6 +115,35 @@ def test_the_learner_begins_as_the_actor_that_imitates_and_stays_near(
         assert compared[0] > 0
         tensors = process.actor().tensors()
         assert 0.0 < max(np.abs(tensors[name] - tensor).max() for name, tensor in imitated.tensors().items()) < 0.01
+
+
+@pytest.fixture(scope="module")
+def bicycle(preset: Preset) -> Preset:
+    """The same for paths."""
+    small = {"environments": "8", "layers": "[32, 32]", "updates": "2", "batch_size": "64", "rounds": "3"}
+    small |= {"learning_starts": "20", "averaging": "0", "critic_steps": "44"}
+    return load_preset("precise").changed({f"learner.{name}": value for name, value in small.items()})
+
+
+@pytest.mark.slow
+def test_a_bicycle_is_imitated_and_the_learner_begins_as_its_actor(tmp_path: Path, bicycle: Preset) -> None:
+    """The networks of the learner see other coordinates; what they answer is the same but for rounding."""
+    own = RunSettings(bicycle, "whipple")
+    losses: list[float] = []
+    imitate_first(own, tmp_path / "run", lambda imitation: losses.append(imitation.loss))
+    assert losses[-1] < 0.5 * losses[0]
+    imitated = Actor.from_tensors(load_file(tmp_path / "run" / IMITATED))
+    compared = []
+
+    def compare(process: LearningProcess) -> None:
+        if process.model.num_timesteps == 40:
+            assert isinstance(process.env, BatchVecEnv)
+            seen = process.env.rides.observe(process.env.batch)
+            compared.append(np.abs(process.actor().act_batch(seen) - imitated.act_batch(seen)).max())
+
+    with closing(LearningProcess(own, tmp_path / "run", 48)) as process:
+        process.run(compare)
+    assert compared[0] < 1e-4
 
 
 def test_a_misled_actor_sees_what_it_would_see_if_that_were_asked(preset: Preset, oval: str) -> None:

@@ -41,9 +41,9 @@ def test_without_a_limit_in_reach_it_answers_as_the_lqr(delay: int) -> None:
         shown = replace(first, step=step, state=state, look=look)
         for each in (rider, model):
             each.begin(simulator.vehicle, simulator.course, 0.05, simulator.preview)
-        answer = model.turn(shown)
+        answer = model.turn(shown.look, shown.state)
         assert 0.003 < abs(answer) < 1.0
-        assert rider.turn(shown) == pytest.approx(answer, abs=1e-3)
+        assert rider.turn(shown.look, shown.state) == pytest.approx(answer, abs=1e-3)
     simulator.close()
 
 

@@ -64,6 +64,10 @@ class Curriculum(ABC):
     def episodes(self, step: int) -> Episodes:
         """Return where episodes are drawn from at a learning step."""
 
+    def imitated(self) -> Episodes:
+        """Return the episodes in which an actor imitates a teacher, before the first learning step."""
+        return self.episodes(0)
+
     def may_validate(self, step: int) -> bool:
         """Return whether a validation means something at a learning step."""
         return True

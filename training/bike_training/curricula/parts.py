@@ -137,10 +137,7 @@ class PartsCurriculum(Curriculum):
 
     def episodes(self, step: int) -> RideRanges:
         """Return the intervals at a learning step, growing linearly after a new part began."""
-        stages = [RideRanges(*stage) for stage in zip(SPEED_RANGES, CURRICULUM_PATHS, strict=True)]
-        if self._settings.sharp:
-            stages[-1] = replace(stages[-1], also=(FAST_AND_SHARP, SLOW_AND_SHARP))
-        stages.append(REFINEMENT if self._settings.refine else stages[-1])
+        stages = self._stages()
         if self.part == 1:
             return stages[0]
         share = (step - self.entered_at) / TRANSITION_STEPS
@@ -148,6 +145,17 @@ class PartsCurriculum(Curriculum):
             return stages[self.part - 1]
         growing = _ranges_between(stages[self.part - 2], stages[self.part - 1], share)
         return replace(growing, also=stages[self.part - 1].also if self._settings.sharp else ())
+
+    def imitated(self) -> RideRanges:
+        """Return the intervals that all parts lead to."""
+        return self._stages()[-1]
+
+    def _stages(self) -> list[RideRanges]:
+        """Return the intervals of each part, and those once the curriculum is finished."""
+        stages = [RideRanges(*stage) for stage in zip(SPEED_RANGES, CURRICULUM_PATHS, strict=True)]
+        if self._settings.sharp:
+            stages[-1] = replace(stages[-1], also=(FAST_AND_SHARP, SLOW_AND_SHARP))
+        return [*stages, REFINEMENT if self._settings.refine else stages[-1]]
 
     def validation_requests(self, preview: Preview, rng: np.random.Generator) -> list[ResetRequest]:
         """Draw the rides of a validation in the present part or the last, on paths long enough for all of a ride."""

@@ -17,6 +17,7 @@ from sbx import SAC
 
 from bike_policy.contract.bundle import Actor
 from bike_training.learning.networks import forward, weights_of
+from bike_training.learning.preconditioning import given_out
 
 STARTING_NOISE: Final = 0.05
 """Standard deviation of the actions, before tanh, that the actor begins with."""
@@ -31,7 +32,7 @@ class AnchoredSAC(SAC):
     _n_updates: int
 
     def begin_as(self, actor: Actor) -> None:
-        """Take over the weights of an actor, with little noise.
+        """Take over the weights of an actor, which takes observations as they are, with little noise.
 
         Raises:
             ValueError: it has other layers.
@@ -44,6 +45,7 @@ class AnchoredSAC(SAC):
             raise ValueError(f"an actor with layers {[w.shape for w in actor.weights]} cannot begin one of {shapes}")
         for name, (kernel, bias) in zip(names, weights_of(actor), strict=False):
             dense[name] = {"kernel": kernel, "bias": bias}
+        dense[names[0]]["kernel"] = jnp.asarray(given_out(dense[names[0]]["kernel"], self.policy.actor))
         noise = dense[names[-1]]
         spread = jnp.full_like(noise["bias"], math.log(STARTING_NOISE))
         dense[names[-1]] = {"kernel": jnp.zeros_like(noise["kernel"]), "bias": spread}

@@ -1,14 +1,11 @@
 """Imitation: the actor rides, and a teacher that is told the world says what it would command there.
 
-Soft actor-critic alone needs millions of decisions for one circuit. The classical law, on a plan for the true grip and
-with a preview for the true delay, rides any circuit. An actor that is told neither imitates it where it comes to itself
-(DAgger: Ross, Gordon and Bagnell 2011), so what it cannot know it has to read from how the machine answers (a
-privileged teacher: Chen et al. 2020, Learning by Cheating). The actor sees no plan of the teacher and needs none to
-ride: it commands lean and drive itself. Soft actor-critic goes on from there (`bike_training.learning.anchored`).
-
-A teacher that knew the grip would brake late before anybody can know it. So it rides by the least of what is true and
-what the actor may believe so far: at first carefully, then by what has been inferred. On a patch of less grip, which
-nobody can foresee, it leans at once no more than holds there. Half of the rides begin as if a lap had been ridden.
+Soft actor-critic alone needs millions of decisions for one circuit, and its bicycles swing about a straight. The
+classical law, on a plan for the true grip and with a preview for the true delay, rides any circuit; the
+linear-quadratic rider any path. An actor that is told neither imitates it where it comes to itself (DAgger: Ross,
+Gordon and Bagnell 2011), so what it cannot know it has to read from how the machine answers (a privileged teacher: Chen
+et al. 2020, Learning by Cheating). It commands alone. Soft actor-critic goes on from there
+(`bike_training.learning.anchored`).
 """
 
 from __future__ import annotations
@@ -28,30 +25,15 @@ from numpy.typing import NDArray
 from safetensors.numpy import load_file, save_file
 
 from bike_policy.contract.bundle import Actor
-from bike_policy.contract.observation import PROGRESS, TERMS, ObservationLayout, Rows
-from bike_policy.planning.grip import AdaptiveLaw, GripMemory
-from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
-from bike_sim.vehicles.superbike import Superbike
+from bike_policy.contract.observation import TERMS, ObservationLayout
 from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.learning.networks import Weights, actor_of, forward, weights_of
 from bike_training.learning.presets import SacSettings
 from bike_training.learning.run_settings import IMITATED
-from bike_training.tasks.base import BatchTaskState
-from bike_training.tasks.race import RaceState, RaceTask
+from bike_training.learning.teachers import teacher_of
 
 FloatArray = NDArray[np.float64]
 
-STARTING_CAUTION: Final = 2.8
-"""Standard deviations beyond `SURE` by which the teacher rides on less than the inferred grip."""
-SURE: Final = 0.035
-"""Standard deviation of the inferred grip that asks for no caution."""
-STEERED: Final = 10.0
-"""Weight of the squared error of the lean request by that of throttle and brake."""
-NOISE: Final = (0.008, 0.06)
-"""Standard deviation of what is added to lean request and drive of half of the rows, so that the actor sees how to
-come back."""
-NOISE_MEMORY: Final = 0.97
-"""Part of the noise that the next decision keeps."""
 MISLED: Final = 0.6
 """Part of the rows whose actor sees at times another speed asked than is, and another distance from the line: where it
 rides then the teacher shows how to come back. A rider that never was much slower than asked takes its own braking for a
@@ -64,10 +46,6 @@ BESIDE: Final = 0.5
 """Standard deviation of what is added to the distance that it sees, m."""
 TEACHER_RIDES: Final = (1.0, 0.5, 0.15)
 """Part of the rides of the first rounds that the teacher rides itself; none later."""
-RIDDEN: Final = 0.5
-"""Part of the rides whose grip is known by place, as after a lap."""
-RIDDEN_ERROR: Final = 0.015
-"""Standard deviation of what is known of it."""
 DURATION: Final = 60.0
 """Of a round, s."""
 UPDATES: Final = 4000
@@ -83,94 +61,6 @@ LEAST_VARIANCE: Final = 1e-2
 """What is added to the variances of the inputs' combinations: those that hardly vary are enlarged by ten at most."""
 FOLDER: Final = "imitation"
 """Folder of a run with the rounds so far."""
-
-
-def told_grip(true: FloatArray, inferred: GripMemory | None) -> tuple[FloatArray, FloatArray]:
-    """Return the grip that a teacher leans by, here, and that it plans for, here and shortly ahead, shape (n,) each.
-
-    Args:
-        true: grip of the road under each row, shape (n,).
-        inferred: by the actors; None for actors that infer nothing.
-    """
-    grip = np.minimum(true, 1.0)
-    if inferred is None:
-        return grip, grip
-    caution = STARTING_CAUTION * np.maximum(np.sqrt(inferred.variance) - SURE, 0.0)
-    grip = np.minimum(np.minimum(grip, inferred.grip), inferred.expected)
-    return grip, np.minimum(grip, inferred.grip - caution) - (inferred.expected - inferred.planned)
-
-
-class Teacher:
-    """The classical rider, told grip and delays, for all rows of an environment of races."""
-
-    def __init__(self, env: BatchVecEnv) -> None:
-        """Make a law for each machine of the rows.
-
-        Raises:
-            ValueError: the task is no race without a guide.
-        """
-        task, batch = env.task, env.batch
-        if not isinstance(task, RaceTask) or task.guided:
-            raise ValueError("imitation is for races whose actions command lean and drive, without a guide")
-        self._batch, self._scale = batch, np.array([task.lean_scale, 1.0])
-        states = env.rides.parts if isinstance(env.rides, BatchTaskState) else (env.rides,)
-        self._interfaces = [state.interface for state in states if isinstance(state, RaceState)]
-        self._kinds = len(self._interfaces)
-        self._laws: list[AdaptiveLaw] = []
-        self._grips = [np.ones(2)] * batch.count
-        self._delays: list[FloatArray] = []
-        worlds, period = batch.disturbances, batch.config.control_period
-        # A decision is held, so it acts later than one of a control period by half of the rest.
-        held = 0.5 * (task.repeat - 1) * period
-        for part in range(self._kinds):
-            vehicle = batch.plant(part).vehicle
-            assert isinstance(vehicle, Superbike), "races are ridden on superbikes"
-            own = worlds[part :: self._kinds]
-            self._delays.append(np.array([held + world.command_delay_s for world in own]))
-            # Without the reflex of careful riders, which stands behind the actor: what the actor sees must decide.
-            self._laws.append(AdaptiveLaw(vehicle, period, CLASSICAL_SETTINGS, len(own)))
-            # It learns with what its teacher rides by, so that what it is shown follows from what it sees.
-            self._interfaces[part].show(self._laws[part].plans)
-
-    def begin(self, row: int, rng: np.random.Generator) -> None:
-        """Begin a ride, which may know the grip as after a lap.
-
-        Args:
-            row: of the ride.
-            rng: whether it does, and by how much it errs.
-        """
-        place, part = divmod(row, self._kinds)
-        line, begun = self._batch.course(row), self._batch.begun(row)
-        self._laws[part].begin(place, None, line)
-        assert begun is not None, "its ride has begun"
-        assert begun.followed is not None, "races are on circuits"
-        road = self._batch.disturbances[row].road.surface(begun.followed.track.surface)
-        self._grips[row] = road.grip(begun.followed.to_centre)
-        inferred = self._interfaces[part].grip_memory
-        known, error = rng.random() < RIDDEN, RIDDEN_ERROR * rng.standard_normal()
-        if inferred is not None and known:
-            inferred.begin(place, line, np.minimum(self._grips[row] + error, 1.0))
-
-    def actions(self) -> NDArray[np.float32]:
-        """Return what the teacher would do in each row at this control period, actions in [-1, 1], shape (n, 2)."""
-        found = np.zeros((self._batch.count, 2))
-        true = np.array([self._grip_of(row) for row in range(self._batch.count)])
-        for part, law in enumerate(self._laws):
-            rows = Rows(*(getattr(self._batch, name)[part :: self._kinds] for name in Rows._fields))
-            interface = self._interfaces[part]
-            share = interface.references.share
-            pace = np.stack((np.zeros(len(share)), share - 1.0), axis=1)
-            inferred = interface.grip_memory
-            grip, planned = told_grip(true[part :: self._kinds], inferred)
-            pushes = None if inferred is None else inferred.push
-            found[part :: self._kinds] = law.follow(rows, grip, planned, pace, delays=self._delays[part], pushes=pushes)
-        return np.clip(np.nan_to_num(found) / self._scale, -1.0, 1.0).astype(np.float32)
-
-    def _grip_of(self, row: int) -> float:
-        """Return the true grip under a row."""
-        grip, line = self._grips[row], self._batch.course(row)
-        progress = float(np.nan_to_num(self._batch.look[row, PROGRESS]))
-        return float(grip[int(progress % line.length / line.spacing)])
 
 
 class Imitation:
@@ -194,7 +84,7 @@ class Imitation:
             ValueError: the task is no race without a guide.
         """
         self._env, self._settings, self._seed = env, settings, seed
-        self._teacher = Teacher(env)
+        self._teacher = teacher_of(env)
         self._inputs = env.task.layout.size
         # They take inputs that vary alike and independently, once the first round has shown how they do: a lean request
         # depends on small differences of inputs that vary together, which a network of the inputs themselves learns
@@ -206,9 +96,13 @@ class Imitation:
         self._seen: list[NDArray[np.float32]] = []
         self._shown: list[NDArray[np.float32]] = []
 
+        def cost(weights: Weights, seen: jax.Array, shown: jax.Array) -> jax.Array:
+            error = jnp.tanh(forward(weights, seen)) - shown
+            return jnp.mean(jnp.array(self._teacher.weights) * error**2)
+
         @jax.jit
         def update(weights: Any, moments: Any, seen: Any, shown: Any, rate: Any) -> Any:
-            value, slope = jax.value_and_grad(_cost)(weights, seen, shown)
+            value, slope = jax.value_and_grad(cost)(weights, seen, shown)
             move, moments = rule.update(slope, moments)
             return jax.tree.map(lambda w, m: w - rate * m, weights, move), moments, value
 
@@ -270,19 +164,23 @@ class Imitation:
         share = TEACHER_RIDES[self.done] if self.done < len(TEACHER_RIDES) else 0.0
         taught = np.less(rng.random(count), share)
         size = rng.random((count, 1)) * (rng.random((count, 1)) < 0.5)
-        noise, misled = np.zeros((count, 2)), Misled(task.layout, np.less(rng.random(count), MISLED))
+        noise = np.zeros((count, len(teacher.noise)))
+        misled = Misled(task.layout, np.less(rng.random(count), MISLED)) if task.layout.races else None
         env.reset()
         for row in range(count):
             teacher.begin(row, rng)
         steps = round(DURATION / (batch.config.control_period * task.repeat))
         seen = np.empty((steps, count, self._inputs), dtype=np.float32)
-        shown = np.empty((steps, count, 2), dtype=np.float32)
+        shown = np.empty((steps, *noise.shape), dtype=np.float32)
         self.lost, shown_now = 0, teacher.actions()
         for step in range(steps):
             seen[step], shown[step] = rides.observe(batch), shown_now
-            misled.draw(rng, batch.config.control_period * task.repeat / MISLED_TIME)
-            actions = np.where(taught[:, None], shown_now, actor.act_batch(misled.shown(seen[step])))
-            noise = NOISE_MEMORY * noise + rng.standard_normal((count, 2)) * NOISE
+            acted_on = seen[step]
+            if misled is not None:
+                misled.draw(rng, batch.config.control_period * task.repeat / MISLED_TIME)
+                acted_on = misled.shown(acted_on)
+            actions = np.where(taught[:, None], shown_now, actor.act_batch(acted_on))
+            noise = teacher.noise_memory * noise + rng.standard_normal(noise.shape) * teacher.noise
             rides.act(batch, np.clip(actions + size * noise, -1.0, 1.0).astype(np.float32))
             for _ in range(task.repeat):
                 batch.step(rides.commands(batch))
@@ -296,7 +194,7 @@ class Imitation:
                 taught[row] = rng.random() < share
             if failed.any():
                 shown_now = teacher.actions()
-        return {"seen": seen.reshape(-1, self._inputs), "shown": shown.reshape(-1, 2)}
+        return {"seen": seen.reshape(-1, self._inputs), "shown": shown.reshape(-1, shown.shape[-1])}
 
     def _learn(self, seen: NDArray[np.float32], shown: NDArray[np.float32]) -> None:
         """Learn from all rounds so far; the last one ends with a falling rate."""
@@ -383,9 +281,3 @@ def _equalised(inputs: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.floa
     variances, directions = np.linalg.eigh(np.cov((inputs - centre).T * scale[:, None]))
     matrix = (directions / np.sqrt(variances + LEAST_VARIANCE)) @ directions.T
     return centre.astype(np.float32), (scale[:, None] * matrix).astype(np.float32)
-
-
-def _cost(weights: Weights, seen: jax.Array, shown: jax.Array) -> jax.Array:
-    """Return the mean squared error of the actions, those of the lean request weighted."""
-    error = jnp.tanh(forward(weights, seen)) - shown
-    return jnp.mean(jnp.array([STEERED, 1.0]) * error**2)

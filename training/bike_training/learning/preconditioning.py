@@ -158,3 +158,10 @@ def taken_in(kernel: NDArray[np.float32], actor: nn.Module) -> NDArray[np.float3
     if not isinstance(actor, PreconditionedActor):
         return kernel
     return (kernel.astype(np.float64) @ np.asarray(actor.matrix).T).astype(np.float32)
+
+
+def given_out(kernel: Any, actor: nn.Module) -> Any:
+    """Return the kernel (inputs, outputs) of an actor's first layer in its coordinates; see `taken_in`."""
+    if not isinstance(actor, PreconditionedActor):
+        return kernel
+    return np.linalg.solve(np.asarray(actor.matrix, dtype=np.float64), np.asarray(kernel)).astype(np.float32)

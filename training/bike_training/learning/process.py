@@ -485,17 +485,16 @@ def imitate(settings: RunSettings, out: Path, report: Callable[[Imitation], None
         report: called after each round.
 
     Raises:
-        ValueError: rides that are not stepped by the compiled engine in this process, or the task is no race without a
-            guide.
+        ValueError: rides that are not stepped by the compiled engine in this process, or a race with a guide.
     """
-    if not settings.compiled or not settings.superbike:
-        raise ValueError("setting learner.rounds is for superbikes on the compiled engine in this process")
+    if not settings.compiled:
+        raise ValueError("setting learner.rounds is for the compiled engine in this process")
     if (out / IMITATED).is_file():
         return
     from bike_training.learning.imitation import Imitation  # late: it takes JAX
 
     vehicles = [load_vehicle(name) for name in settings.machines]
-    episodes = settings.preset.curriculum.make(vehicles).episodes(0)
+    episodes = settings.preset.curriculum.make(vehicles).imitated()
     with contextlib.closing(make_environment(settings, settings.preset.task, episodes)) as env:
         Imitation(env, settings.preset.sac, settings.seed).run(out, report)
 

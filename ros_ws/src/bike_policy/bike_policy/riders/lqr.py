@@ -204,14 +204,18 @@ _Design = TypeVar("_Design")
 
 
 class BicycleRider:
-    """Part of `bike_policy.riders.base.Rider`: begins rides on bicycles, and keeps designs as long as they hold."""
+    """Part of `bike_policy.riders.base.Rider`: begins rides on bicycles, and keeps designs as long as they hold.
+
+    Attributes:
+        designs: by name and speed; riders of one bicycle may share them.
+    """
 
     name: str
     preview: Preview | None = None
 
     def __init__(self) -> None:
         """Begin without designs."""
-        self._designs: dict[tuple[str, int], Any] = {}
+        self.designs: dict[tuple[str, int], Any] = {}
         self._machine: tuple[Vehicle, float] | None = None
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
@@ -223,7 +227,7 @@ class BicycleRider:
         if isinstance(vehicle, Superbike):
             raise ValueError(f"rider {self.name!r} steers bicycles by set point, and {vehicle.name!r} is a superbike")
         if self._machine != (vehicle, period):
-            self._designs.clear()
+            self.designs.clear()
         self._machine = (vehicle, period)
         self._vehicle, self._course, self._period = vehicle, course, period
 
@@ -231,9 +235,9 @@ class BicycleRider:
         """Return a design for the nearest multiple of SPEED_STEP, made once for a bicycle and control period."""
         step = round(max(speed, SLOWEST) / SPEED_STEP)
         key = design.__name__, step
-        if key not in self._designs:
-            self._designs[key] = design(step * SPEED_STEP)
-        found: _Design = self._designs[key]
+        if key not in self.designs:
+            self.designs[key] = design(step * SPEED_STEP)
+        found: _Design = self.designs[key]
         return found
 
 
@@ -260,43 +264,49 @@ class LqrRider(BicycleRider):
         look, state = snapshot.look, snapshot.state
         if not math.isfinite(look.sum() + state.sum()):
             return None
-        return self._answer(snapshot, self.turn(snapshot))
+        steering = self.steering(look, state)
+        self._answered = (snapshot.step, steering)
+        return steering, 0.0
 
-    def turn(self, snapshot: Snapshot) -> float:
-        """Return the optimal set value of the model."""
-        gains = self._nearest(self._gains, snapshot.speed)
-        ahead = self.ahead(snapshot, len(gains.preview))
-        return -float(gains.state @ self.deviations(snapshot)) - float(gains.preview @ ahead)
+    def steering(self, look: FloatArray, state: st.StateVector) -> float:
+        """Return the answer of a control period, a part of the largest set point, in [-1, 1].
 
-    def deviations(self, snapshot: Snapshot) -> FloatArray:
+        Args:
+            look: derived quantities in the order of `bike_sim.sim.look`.
+            state: the ten minimal coordinates.
+        """
+        turn = self.turn(look, state)
+        self._sent.append(turn)
+        level = math.cos(float(state[st.ROLL]))
+        return min(max(math.atan(turn * level) / self._vehicle.max_steer, -1.0), 1.0)
+
+    def turn(self, look: FloatArray, state: st.StateVector) -> float:
+        """Return the optimal set value of the model; see `steering`."""
+        gains = self._nearest(self._gains, look[lk.SPEED])
+        ahead = self.ahead(look, len(gains.preview))
+        return -float(gains.state @ self.deviations(look, state)) - float(gains.preview @ ahead)
+
+    def deviations(self, look: FloatArray, state: st.StateVector) -> FloatArray:
         """Return the states of the model: errors, lean, steer and rates as the linear model takes them, late commands.
 
         Leaning, the machine turns as an upright one with a larger steering angle, and needs the tangent of the lean.
+        See `steering`.
         """
-        look, state = snapshot.look, snapshot.state
         level = math.cos(float(state[st.ROLL]))
         now = [
             look[lk.LATERAL_ERROR],
             math.sin(look[lk.HEADING_ERROR]),
-            self._nearest(self._worth, snapshot.speed).of(float(state[st.ROLL])),
+            self._nearest(self._worth, look[lk.SPEED]).of(float(state[st.ROLL])),
             math.tan(float(state[st.STEER])) / level,
             float(state[st.ROLL_RATE]) / level**2,
             float(state[st.STEER_RATE]) / level,
         ]
         return np.array([*now, *self._sent] if self._settings.delay else now)
 
-    def ahead(self, snapshot: Snapshot, count: int) -> FloatArray:
-        """Return the curvature of the line in the middle of each of the next control periods, 1/m."""
-        distance = snapshot.speed * self._period * (np.arange(count) + 0.5)
-        return self._curvature(snapshot.look[lk.PROGRESS] + distance)
-
-    def _answer(self, snapshot: Snapshot, turn: float) -> tuple[float, float]:
-        """Return and remember the answer with a set value of the model."""
-        level = math.cos(float(snapshot.state[st.ROLL]))
-        steering = min(max(math.atan(turn * level) / self._vehicle.max_steer, -1.0), 1.0)
-        self._sent.append(turn)
-        self._answered = (snapshot.step, steering)
-        return steering, 0.0
+    def ahead(self, look: FloatArray, count: int) -> FloatArray:
+        """Return the curvature of the line in the middle of each of the next control periods, 1/m; see `steering`."""
+        distance = look[lk.SPEED] * self._period * (np.arange(count) + 0.5)
+        return self._curvature(look[lk.PROGRESS] + distance)
 
     def _worth(self, speed: float) -> Worth:
         """Return the worth of leans at a speed, m/s."""

@@ -19,8 +19,9 @@ from scipy import sparse
 
 from bike_policy.riders.lqr import LqrRider, LqrSettings, control_problem, design
 from bike_sim.course.course import Course
+from bike_sim.physics import state as st
+from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview
-from bike_sim.sim.snapshot import Snapshot
 from bike_sim.vehicles.bicycle import Vehicle
 
 FloatArray = NDArray[np.float64]
@@ -147,13 +148,13 @@ class MpcRider(LqrRider):
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
         """Take the line and forget earlier solutions, so that a ride does not depend on the one before."""
         super().begin(vehicle, course, period, preview)
-        self._designs = {key: found for key, found in self._designs.items() if key[0] != "_programme"}
+        self.designs = {key: found for key, found in self.designs.items() if key[0] != "_programme"}
 
-    def turn(self, snapshot: Snapshot) -> float:
+    def turn(self, look: FloatArray, state: st.StateVector) -> float:
         """Return the first command of the programme; the LQR's where the solver finds none."""
-        plan, count = self._nearest(self._programme, snapshot.speed), self._limits.steps
-        now, size = self.deviations(snapshot), len(plan.curvature_effect)
-        curvature = self.ahead(snapshot, count + len(plan.tail))
+        plan, count = self._nearest(self._programme, look[lk.SPEED]), self._limits.steps
+        now, size = self.deviations(look, state), len(plan.curvature_effect)
+        curvature = self.ahead(look, count + len(plan.tail))
         plan.linear[(count - 1) * size : count * size] = 2.0 * curvature[count:] @ plan.tail
         plan.linear[count * size] = 2.0 * float(plan.cross @ now)
         moved = np.outer(curvature[:count], plan.curvature_effect).ravel()
@@ -162,7 +163,7 @@ class MpcRider(LqrRider):
         plan.solver.update(q=plan.linear, l=plan.lower, u=plan.upper)
         result = plan.solver.solve(raise_error=False)
         if result.info.status not in _SOLVED:
-            return super().turn(snapshot)
+            return super().turn(look, state)
         return float(result.x[count * size])
 
     def _programme(self, speed: float) -> Programme:

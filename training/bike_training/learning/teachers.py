@@ -1,0 +1,199 @@
+"""Teachers of imitation: classical riders that are told what the actor is not, for rows side by side.
+
+On circuits a teacher that knew the grip would brake late before anybody can know it. So it rides by the least of what
+is true and what the actor may believe so far: at first carefully, then by what has been inferred. On a patch of less
+grip, which nobody can foresee, it leans at once no more than holds there. Half of the rides begin as if a lap had been
+ridden.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bike_policy.contract.observation import PROGRESS, Rows
+from bike_policy.planning.grip import AdaptiveLaw, GripMemory
+from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
+from bike_policy.riders.lqr import LqrRider, LqrSettings
+from bike_sim.vehicles.superbike import Superbike
+from bike_training.envs.vec_env import BatchVecEnv
+from bike_training.tasks.base import BatchTaskState
+from bike_training.tasks.path import PathTask
+from bike_training.tasks.race import RaceState, RaceTask
+
+FloatArray = NDArray[np.float64]
+
+STARTING_CAUTION: Final = 2.8
+"""Standard deviations beyond `SURE` by which the teacher rides on less than the inferred grip."""
+SURE: Final = 0.035
+"""Standard deviation of the inferred grip that asks for no caution."""
+RIDDEN: Final = 0.5
+"""Part of the rides whose grip is known by place, as after a lap."""
+RIDDEN_ERROR: Final = 0.015
+"""Standard deviation of what is known of it."""
+GENTLE: Final = LqrSettings(lateral=0.3)
+"""Of the rider of paths: with its usual weights it leans beyond 45 degrees where a ride begins perturbed in a sharp
+bend at 6.5 m/s."""
+
+
+class Teacher(ABC):
+    """Says what it would do in each row of an environment.
+
+    Attributes:
+        noise: standard deviation of what is added to each action of half of the rows, so that the actor sees how to
+            come back.
+        noise_memory: part of the noise that the next decision keeps.
+        weights: of the squared error of each action.
+    """
+
+    noise: tuple[float, ...]
+    noise_memory: float
+    weights: tuple[float, ...]
+
+    @abstractmethod
+    def begin(self, row: int, rng: np.random.Generator) -> None:
+        """Begin a ride of a row, after it has begun in the environment.
+
+        Args:
+            row: of the ride.
+            rng: of what differs from ride to ride.
+        """
+
+    @abstractmethod
+    def actions(self) -> NDArray[np.float32]:
+        """Return what it would do in each row at this control period, actions in [-1, 1], shape (n, actions)."""
+
+
+def teacher_of(env: BatchVecEnv) -> Teacher:
+    """Return the teacher of an environment.
+
+    Raises:
+        ValueError: a race with a guide.
+    """
+    return PathTeacher(env) if isinstance(env.task, PathTask) else CircuitTeacher(env)
+
+
+class PathTeacher(Teacher):
+    """The linear-quadratic rider, which is told the path and the bicycle."""
+
+    noise: tuple[float, ...] = (0.02,)
+    noise_memory = 0.9
+    weights: tuple[float, ...] = (1.0,)
+
+    def __init__(self, env: BatchVecEnv) -> None:
+        """Make a rider for each row; all of them take the same designs."""
+        assert isinstance(env.task, PathTask), "its rides are on paths"
+        self._batch, self._scale = env.batch, env.batch.vehicle.max_steer / env.task.max_steer
+        self._riders = [LqrRider(GENTLE) for _ in range(env.batch.count)]
+        for rider in self._riders:
+            rider.designs = self._riders[0].designs
+        self._preview = env.task.preview
+
+    def begin(self, row: int, rng: np.random.Generator) -> None:
+        """Begin a ride; see `Teacher`."""
+        batch, rider = self._batch, self._riders[row]
+        rider.begin(batch.vehicle, batch.course(row), batch.config.control_period, self._preview)
+
+    def actions(self) -> NDArray[np.float32]:
+        """Return the answers; see `Teacher`."""
+        found = np.zeros((self._batch.count, 1))
+        for row, rider in enumerate(self._riders):
+            look, state = self._batch.look[row], self._batch.state[row]
+            if np.isfinite(look.sum() + state.sum()):
+                found[row] = rider.steering(look, state)
+        return np.clip(self._scale * found, -1.0, 1.0).astype(np.float32)
+
+
+def told_grip(true: FloatArray, inferred: GripMemory | None) -> tuple[FloatArray, FloatArray]:
+    """Return the grip that a teacher leans by, here, and that it plans for, here and shortly ahead, shape (n,) each.
+
+    Args:
+        true: grip of the road under each row, shape (n,).
+        inferred: by the actors; None for actors that infer nothing.
+    """
+    grip = np.minimum(true, 1.0)
+    if inferred is None:
+        return grip, grip
+    caution = STARTING_CAUTION * np.maximum(np.sqrt(inferred.variance) - SURE, 0.0)
+    grip = np.minimum(np.minimum(grip, inferred.grip), inferred.expected)
+    return grip, np.minimum(grip, inferred.grip - caution) - (inferred.expected - inferred.planned)
+
+
+class CircuitTeacher(Teacher):
+    """The classical rider, told grip and delays."""
+
+    noise: tuple[float, ...] = (0.008, 0.06)
+    noise_memory = 0.97
+    weights: tuple[float, ...] = (10.0, 1.0)
+
+    def __init__(self, env: BatchVecEnv) -> None:
+        """Make a law for each machine of the rows.
+
+        Raises:
+            ValueError: the task is no race without a guide.
+        """
+        task, batch = env.task, env.batch
+        if not isinstance(task, RaceTask) or task.guided:
+            raise ValueError("imitation is for races whose actions command lean and drive, without a guide")
+        self._batch, self._scale = batch, np.array([task.lean_scale, 1.0])
+        states = env.rides.parts if isinstance(env.rides, BatchTaskState) else (env.rides,)
+        self._interfaces = [state.interface for state in states if isinstance(state, RaceState)]
+        self._kinds = len(self._interfaces)
+        self._laws: list[AdaptiveLaw] = []
+        self._grips = [np.ones(2)] * batch.count
+        self._delays: list[FloatArray] = []
+        worlds, period = batch.disturbances, batch.config.control_period
+        # A decision is held, so it acts later than one of a control period by half of the rest.
+        held = 0.5 * (task.repeat - 1) * period
+        for part in range(self._kinds):
+            vehicle = batch.plant(part).vehicle
+            assert isinstance(vehicle, Superbike), "races are ridden on superbikes"
+            own = worlds[part :: self._kinds]
+            self._delays.append(np.array([held + world.command_delay_s for world in own]))
+            # Without the reflex of careful riders, which stands behind the actor: what the actor sees must decide.
+            self._laws.append(AdaptiveLaw(vehicle, period, CLASSICAL_SETTINGS, len(own)))
+            # It learns with what its teacher rides by, so that what it is shown follows from what it sees.
+            self._interfaces[part].show(self._laws[part].plans)
+
+    def begin(self, row: int, rng: np.random.Generator) -> None:
+        """Begin a ride, which may know the grip as after a lap.
+
+        Args:
+            row: of the ride.
+            rng: whether it does, and by how much it errs.
+        """
+        place, part = divmod(row, self._kinds)
+        line, begun = self._batch.course(row), self._batch.begun(row)
+        self._laws[part].begin(place, None, line)
+        assert begun is not None, "its ride has begun"
+        assert begun.followed is not None, "races are on circuits"
+        road = self._batch.disturbances[row].road.surface(begun.followed.track.surface)
+        self._grips[row] = road.grip(begun.followed.to_centre)
+        inferred = self._interfaces[part].grip_memory
+        known, error = rng.random() < RIDDEN, RIDDEN_ERROR * rng.standard_normal()
+        if inferred is not None and known:
+            inferred.begin(place, line, np.minimum(self._grips[row] + error, 1.0))
+
+    def actions(self) -> NDArray[np.float32]:
+        """Return what the teacher would do in each row at this control period, actions in [-1, 1], shape (n, 2)."""
+        found = np.zeros((self._batch.count, 2))
+        true = np.array([self._grip_of(row) for row in range(self._batch.count)])
+        for part, law in enumerate(self._laws):
+            rows = Rows(*(getattr(self._batch, name)[part :: self._kinds] for name in Rows._fields))
+            interface = self._interfaces[part]
+            share = interface.references.share
+            pace = np.stack((np.zeros(len(share)), share - 1.0), axis=1)
+            inferred = interface.grip_memory
+            grip, planned = told_grip(true[part :: self._kinds], inferred)
+            pushes = None if inferred is None else inferred.push
+            found[part :: self._kinds] = law.follow(rows, grip, planned, pace, delays=self._delays[part], pushes=pushes)
+        return np.clip(np.nan_to_num(found) / self._scale, -1.0, 1.0).astype(np.float32)
+
+    def _grip_of(self, row: int) -> float:
+        """Return the true grip under a row."""
+        grip, line = self._grips[row], self._batch.course(row)
+        progress = float(np.nan_to_num(self._batch.look[row, PROGRESS]))
+        return float(grip[int(progress % line.length / line.spacing)])
