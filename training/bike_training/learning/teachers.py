@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.contract.observation import PROGRESS, Rows
+from bike_policy.contract.observation import LATERAL_ERROR, PROGRESS, Rows
 from bike_policy.planning.grip import AdaptiveLaw, GripMemory
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.riders.lqr import LqrRider, LqrSettings
@@ -35,8 +35,10 @@ RIDDEN: Final = 0.5
 RIDDEN_ERROR: Final = 0.015
 """Standard deviation of what is known of it."""
 GENTLE: Final = LqrSettings(lateral=0.3)
-"""Of the rider of paths: with its usual weights it leans beyond 45 degrees where a ride begins perturbed in a sharp
-bend at 6.5 m/s."""
+"""Weights of the rider of paths who is far from the line: with its usual ones it leans beyond 45 degrees where a ride
+begins perturbed in a sharp bend at 6.5 m/s."""
+ASIDE: Final = (0.1, 0.4)
+"""Distances from the line between which it changes from its usual weights to these, m."""
 
 
 class Teacher(ABC):
@@ -77,33 +79,36 @@ def teacher_of(env: BatchVecEnv) -> Teacher:
 
 
 class PathTeacher(Teacher):
-    """The linear-quadratic rider, which is told the path and the bicycle."""
+    """The linear-quadratic rider, which is told the path and the bicycle, and is gentle where it is far from it."""
 
     noise: tuple[float, ...] = (0.02,)
     noise_memory = 0.9
     weights: tuple[float, ...] = (1.0,)
 
     def __init__(self, env: BatchVecEnv) -> None:
-        """Make a rider for each row; all of them take the same designs."""
+        """Make two riders for each row, the usual one and a gentle one; all rows take the same designs."""
         assert isinstance(env.task, PathTask), "its rides are on paths"
         self._batch, self._scale = env.batch, env.batch.vehicle.max_steer / env.task.max_steer
-        self._riders = [LqrRider(GENTLE) for _ in range(env.batch.count)]
-        for rider in self._riders:
-            rider.designs = self._riders[0].designs
+        self._riders = [(LqrRider(), LqrRider(GENTLE)) for _ in range(env.batch.count)]
+        for riders in self._riders:
+            for rider, first in zip(riders, self._riders[0], strict=True):
+                rider.designs = first.designs
         self._preview = env.task.preview
 
     def begin(self, row: int, rng: np.random.Generator) -> None:
         """Begin a ride; see `Teacher`."""
-        batch, rider = self._batch, self._riders[row]
-        rider.begin(batch.vehicle, batch.course(row), batch.config.control_period, self._preview)
+        batch = self._batch
+        for rider in self._riders[row]:
+            rider.begin(batch.vehicle, batch.course(row), batch.config.control_period, self._preview)
 
     def actions(self) -> NDArray[np.float32]:
         """Return the answers; see `Teacher`."""
         found = np.zeros((self._batch.count, 1))
-        for row, rider in enumerate(self._riders):
+        for row, riders in enumerate(self._riders):
             look, state = self._batch.look[row], self._batch.state[row]
             if np.isfinite(look.sum() + state.sum()):
-                found[row] = rider.steering(look, state)
+                usual, gentle = (rider.steering(look, state) for rider in riders)
+                found[row] = usual + (gentle - usual) * np.interp(abs(look[LATERAL_ERROR]), ASIDE, (0.0, 1.0))
         return np.clip(self._scale * found, -1.0, 1.0).astype(np.float32)
 
 
