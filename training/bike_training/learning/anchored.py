@@ -19,8 +19,8 @@ from bike_policy.contract.bundle import Actor
 from bike_training.learning.networks import forward, weights_of
 from bike_training.learning.preconditioning import given_out
 
-STARTING_NOISE: Final = 0.05
-"""Standard deviation of the actions, before tanh, that the actor begins with."""
+UNIT_ENTROPY: Final = 0.5 * math.log(2.0 * math.pi * math.e)
+"""Entropy of a normal distribution whose standard deviation is 1, nat."""
 _NEVER: Final = 10**9
 
 
@@ -29,10 +29,11 @@ class AnchoredSAC(SAC):
 
     critic_steps: int = 0
     policy_delay: int
+    target_entropy: float
     _n_updates: int
 
     def begin_as(self, actor: Actor) -> None:
-        """Take over the weights of an actor, which takes observations as they are, with little noise.
+        """Take over the weights of an actor, which takes observations as they are, with noise of the target entropy.
 
         Raises:
             ValueError: it has other layers.
@@ -47,7 +48,7 @@ class AnchoredSAC(SAC):
             dense[name] = {"kernel": kernel, "bias": bias}
         dense[names[0]]["kernel"] = jnp.asarray(given_out(dense[names[0]]["kernel"], self.policy.actor))
         noise = dense[names[-1]]
-        spread = jnp.full_like(noise["bias"], math.log(STARTING_NOISE))
+        spread = jnp.full_like(noise["bias"], self.target_entropy / len(noise["bias"]) - UNIT_ENTROPY)
         dense[names[-1]] = {"kernel": jnp.zeros_like(noise["kernel"]), "bias": spread}
         self.policy.actor_state = self.policy.actor_state.replace(params=params)
 

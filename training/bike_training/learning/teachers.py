@@ -34,10 +34,10 @@ RIDDEN: Final = 0.5
 """Part of the rides whose grip is known by place, as after a lap."""
 RIDDEN_ERROR: Final = 0.015
 """Standard deviation of what is known of it."""
-GENTLE: Final = LqrSettings(lateral=0.3)
+GENTLE: Final = LqrSettings(lateral=0.1)
 """Weights of the rider of paths who is far from the line: with its usual ones it leans beyond 45 degrees where a ride
-begins perturbed in a sharp bend at 6.5 m/s."""
-ASIDE: Final = (0.1, 0.4)
+begins perturbed in a sharp bend from 5.5 m/s on, and with 0.3 still in one of 40 such rides."""
+ASIDE: Final = (0.1, 0.3)
 """Distances from the line between which it changes from its usual weights to these, m."""
 
 
