@@ -46,9 +46,9 @@ SPECS: Final = (
     ParameterSpec(
         "policy",
         DEFAULT,
-        "whipple, lqr, mpc or stanley; racer, generalist, adaptive, overtaker, spdl_barcelona, classical or careful; "
-        "the folder of a bundle; or default (or nothing), which chooses by the vehicle that is simulated. In a race "
-        "classical and overtaker see the others; solo: in front of any name rides it as if it were alone.",
+        "whipple, whipple_sac, lqr, mpc or stanley; racer, generalist, adaptive, overtaker, spdl_barcelona, classical "
+        "or careful; the folder of a bundle; or default (or nothing), which chooses by the vehicle that is simulated. "
+        "In a race classical and overtaker see the others; solo: in front of any name rides it as if it were alone.",
         fixed=True,
     ),
     VEHICLE,
