@@ -15,6 +15,7 @@ from bike_sim.sim.request import RANDOM_COURSE, ResetRequest
 from bike_sim.sim.simulator import Simulator
 from bike_training.rollout.rollout import RideResult, ride_through, time_for
 
+SAC = "whipple_sac"
 MEAN, LARGEST = 0.015, 0.15
 """Goals of any ride on the benchmark path at 2 to 7 m/s, m."""
 
@@ -31,6 +32,8 @@ def ridden(name: str, speed: float, course: str = "benchmark") -> RideResult:
     ("name", "speed", "mean", "largest"),
     [
         *((DEFAULT_POLICY, speed, MEAN, LARGEST) for speed in (2.0, 4.5, 7.0)),
+        *((SAC, speed, MEAN, LARGEST) for speed in (1.5, 4.5, 7.0)),
+        (SAC, 9.0, 0.1, 1.0),  # beyond what it learned by reward
         *(("lqr", speed, 0.05, math.inf) for speed in (2.0, 7.0)),
         *(("stanley", speed, math.inf, most) for speed, most in ((2.0, 0.3), (4.0, 1.0))),  # without preview
     ],
@@ -67,12 +70,13 @@ def test_it_rides_a_path_that_bends_before_it_can_lean(seed: int) -> None:
     assert figures["max_m"] < 2.0
 
 
-def test_its_card_says_what_it_rides_and_how_it_was_made() -> None:
-    bundle = load_bundle(DEFAULT_POLICY)
+@pytest.mark.parametrize(("name", "own"), [(DEFAULT_POLICY, "begins_with"), (SAC, "finished_at_step")])
+def test_its_card_says_what_it_rides_and_how_it_was_made(name: str, own: str) -> None:
+    bundle = load_bundle(name)
     assert bundle.results["completed_count"] == bundle.results["rides_count"] == 21
     assert bundle.results["random_completed_count"] == bundle.results["random_rides_count"] == 105
     assert bundle.results["worst_mean_m"] < MEAN
     assert bundle.results["worst_max_m"] < LARGEST
     assert bundle.results["worst_spectral_radius_upright"] < 0.99
     assert not bundle.training["commit"].endswith("-dirty")
-    assert {"seed", "steps", "updates", "seconds", "begins_with"} <= set(bundle.training)
+    assert {"seed", "steps", "updates", "seconds", own} <= set(bundle.training)
