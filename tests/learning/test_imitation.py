@@ -118,8 +118,8 @@ def test_the_learner_begins_as_the_actor_that_imitates_and_stays_near(
 
 
 @pytest.fixture(scope="module")
-def bicycle(preset: Preset) -> Preset:
-    """The same for paths."""
+def bicycle() -> Preset:
+    """Imitation and a few steps on paths."""
     small = {"environments": "8", "layers": "[32, 32]", "updates": "2", "batch_size": "64", "rounds": "3"}
     small |= {"learning_starts": "20", "averaging": "0", "critic_steps": "44"}
     return load_preset("precise").changed({f"learner.{name}": value for name, value in small.items()})

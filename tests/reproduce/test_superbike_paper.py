@@ -243,7 +243,8 @@ def test_ablations_are_sac_with_one_thing_changed() -> None:
 
 
 def test_an_ablation_stands_beside_sac_and_a_curriculum_beside_the_schedule() -> None:
-    runs = [(name, seed) for name in ("sac", "schedule", "no-mirror") for seed in range(5)]
+    names = ("sac", "schedule", "no-mirror", "plain-spdl", "plain-sac")
+    runs = [(name, seed) for name in names for seed in range(5)]
     data = tables(
         PAPER,
         runs=[(*run, "finished", 300_000, -1, 300.0) for run in runs],
@@ -254,6 +255,7 @@ def test_an_ablation_stands_beside_sac_and_a_curriculum_beside_the_schedule() ->
     base = "100 (100 to 100) | | 100 (100 to 100) |"
     none = "0 (0 to 0) | -100 to -100 | 100 (100 to 100) | +0 to +0"
     expected = {"Ablations": {"sac": base, "no-mirror": none}, "Curricula": {"sac": same, "schedule": base}}
+    expected["Without a plan"] = {"plain-spdl": same, "plain-sac": base}
     for table_name, rows in expected.items():
         text = TABLES[f"{table_name}: Panigale, Barcelona"](data)
         assert [line.rpartition(" | ")[0] for line in text.strip().splitlines()[2:]] == [

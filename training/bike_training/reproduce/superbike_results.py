@@ -332,16 +332,17 @@ def _curricula(data: Tables) -> str:
 
 def _unplanned(data: Tables) -> str:
     """Both curricula without a plan, in Barcelona."""
-    return _arms(data, [kind for kind in UNPLANNED if kind in set(data["runs"]["setting"])], UNPLANNED[1])
+    return _arms(data, UNPLANNED, "plain-sac")
 
 
 def _ablations(data: Tables) -> str:
     """SAC alone in Barcelona, and with one thing changed."""
-    return _arms(data, [kind for kind in ("sac", *ABLATIONS) if kind in set(data["runs"]["setting"])], "sac")
+    return _arms(data, ("sac", *ABLATIONS), "sac")
 
 
 def _arms(data: Tables, kinds: Sequence[str], base: str) -> str:
-    """Return settings beside one of them: differences of the means with their intervals."""
+    """Return settings, those that have runs, beside one of them: differences of the means with their intervals."""
+    kinds = [kind for kind in kinds if kind in set(data["runs"]["setting"])]
     whole = data["validations"].assign(whole=lambda found: found["error"] < 1.0)
     share = {kind: 100.0 * select(whole, setting=kind).groupby("seed")["whole"].mean().to_numpy() for kind in kinds}
     rides = {kind: rows_of(data, kind, "late") for kind in kinds}
