@@ -79,6 +79,7 @@ CURRICULA: Final[Mapping[str, Mapping[str, Any]]] = {
         "task.weights": {name: RACE_WEIGHTS[name] for name in RACE_WEIGHTS if name not in ("line", "overspeed")},
     },
     "unplanned-observation": {"curriculum": "target", "task.observation": "paper_race"},
+    "points-ahead": {"curriculum": "target", "task.observation": "points_ahead"},
     "no-lean-history": {"curriculum": "target", "task.observation": "no_lean_history"},
     "no-failures": {"curriculum": "target", "curriculum.failure_share": 0.0},
     "no-mirror": {"curriculum": "target", "learner.mirror": False},

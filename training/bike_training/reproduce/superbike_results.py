@@ -32,7 +32,8 @@ CIRCUITS: Final = ("barcelona", "cremona", "phillip_island")
 KINDS: Final = ("spdl", "sac")
 """Curricula that are compared; the first part of a setting's name."""
 ABLATIONS: Final = (
-    "swings", "unplanned-reward", "unplanned-observation", "no-lean-history", "no-failures", "no-mirror",
+    "swings", "unplanned-reward", "unplanned-observation", "points-ahead", "no-lean-history", "no-failures",
+    "no-mirror",
 )  # fmt: skip
 """The same of SAC alone with one thing changed."""
 UNPLANNED: Final = tuple(f"plain-{kind}" for kind in KINDS)

@@ -730,6 +730,13 @@ NO_LEAN_HISTORY: Final = replace(
 )
 """The same without the leans of earlier decisions: what they are worth is the difference."""
 
+POINTS_AHEAD: Final = replace(
+    COMPACT,
+    name="points_ahead",
+    terms=(*(name for name in COMPACT.terms if name not in ("speed_margin", "stations")), "course_points"),
+)
+"""The same with the published points of line and limits in place of lean and speed that the line requires."""
+
 ADAPTIVE: Final = replace(COMPACT, name="adaptive", terms=(*COMPACT.terms, "grip", "wind", "machine"), unseen=UNSEEN)
 """Those of `COMPACT`, the inferred grip of the road, for which the reference is planned, wind, and the machine's
 descriptor.
@@ -747,6 +754,6 @@ WHEEL_TO_WHEEL: Final = replace(GUIDED, name="wheel_to_wheel", terms=(*GUIDED.te
 
 RACE_LAYOUTS: Final[Mapping[str, ObservationLayout]] = {
     layout.name: layout
-    for layout in (COMPACT, NO_LEAN_HISTORY, ADAPTIVE, GUIDED, CONDITIONED, WHEEL_TO_WHEEL, PAPER_RACE)
+    for layout in (COMPACT, NO_LEAN_HISTORY, POINTS_AHEAD, ADAPTIVE, GUIDED, CONDITIONED, WHEEL_TO_WHEEL, PAPER_RACE)
 }
 """Layouts of races by name."""
