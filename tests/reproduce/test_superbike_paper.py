@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bike_policy.contract.observation import RACE_LAYOUTS
 from bike_sim.course.files import load_track
 from bike_training.cli import main
 from bike_training.curricula.spdl import TARGET_MEAN, TARGET_STD, Gaussian, divergence
@@ -236,10 +237,17 @@ def test_ablations_are_sac_with_one_thing_changed() -> None:
         {"task.weights"},
         {"task.observation"},
         {"task.observation"},
+        {"task.observation"},
         {"curriculum.failure_share"},
         {"learner.mirror"},
     ]
     assert presets["stages"].curriculum == replace(presets["schedule"].curriculum, stages=4)
+
+
+def test_the_points_ahead_stand_in_for_the_plan_alone() -> None:
+    points, compact = (set(RACE_LAYOUTS[name].terms) for name in ("points_ahead", "compact"))
+    assert compact - points == {"speed_margin", "stations"}
+    assert points - compact == {"course_points"}
 
 
 def test_an_ablation_stands_beside_sac_and_a_curriculum_beside_the_schedule() -> None:
