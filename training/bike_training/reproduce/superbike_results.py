@@ -332,8 +332,16 @@ def _curricula(data: Tables) -> str:
 
 
 def _unplanned(data: Tables) -> str:
-    """Both curricula without a plan, in Barcelona."""
-    return _arms(data, UNPLANNED, "plain-sac")
+    """Both curricula without a plan, in Barcelona.
+
+    A validation asks for an episode that reached its end, so who never rides one has none: the last episodes stand in.
+    """
+    last = data["episodes"].sort_values("step").groupby(["setting", "seed"], as_index=False).last()
+    measures = {
+        heading: {kind: select(last, setting=kind)[name].to_numpy(float) for kind in UNPLANNED}
+        for name, heading in (("total", "return, last episodes"), ("length", "their length, decisions"))
+    }
+    return _beside(data, UNPLANNED, "plain-sac", measures)
 
 
 def _ablations(data: Tables) -> str:
@@ -342,25 +350,37 @@ def _ablations(data: Tables) -> str:
 
 
 def _arms(data: Tables, kinds: Sequence[str], base: str) -> str:
-    """Return settings, those that have runs, beside one of them: differences of the means with their intervals."""
-    kinds = [kind for kind in kinds if kind in set(data["runs"]["setting"])]
+    """Return the whole validations of settings beside those of one of them; see `_beside`."""
     whole = data["validations"].assign(whole=lambda found: found["error"] < 1.0)
     share = {kind: 100.0 * select(whole, setting=kind).groupby("seed")["whole"].mean().to_numpy() for kind in kinds}
+    return _beside(data, kinds, base, {"whole validations / %": share})
+
+
+def _beside(data: Tables, kinds: Sequence[str], base: str, measures: Mapping[str, Mapping[str, FloatArray]]) -> str:
+    """Return measures and late rides of settings beside one of them: differences of means with their intervals.
+
+    Args:
+        data: with the runs; a setting without any is left out.
+        kinds: settings.
+        base: the setting that the others are compared with.
+        measures: by their headings; of each setting, one value a run.
+    """
+    kinds = [kind for kind in kinds if kind in set(data["runs"]["setting"])]
     rides = {kind: rows_of(data, kind, "late") for kind in kinds}
     late = {kind: (100.0 * of["whole"] / of["rides"]).to_numpy() for kind, of in rides.items()}
+    measures = {**measures, "rides whole, late / %": late}
     rows = []
     for kind in kinds:
         cells = [kind, str(len(late[kind]))]
-        for values in (share, late):
+        for values in measures.values():
             cells.append(with_interval(values[kind], ".0f"))
             other = values.get(base, np.array([]))
             known = kind != base and min(len(values[kind]), len(other)) > 1
             low, high = interval(values[kind], other, rule=operator.sub) if known else (0.0, 0.0)
             cells.append(f"{low:+.0f} to {high:+.0f}" if known else "")
         rows.append((*cells, with_interval(of_whole(rides[kind], "mean"), lap_text)))
-    less = f"less those of {base}"
-    head = ("setting", "runs", "whole validations / %", less, "rides whole, late / %", less, "lap time, late")
-    return markdown([head, *rows])
+    head = [title for name in measures for title in (name, f"less those of {base}")]
+    return markdown([("setting", "runs", *head, "lap time, late"), *rows])
 
 
 def _table_1(data: Tables) -> str:
