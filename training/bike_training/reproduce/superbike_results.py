@@ -334,7 +334,7 @@ def _curricula(data: Tables) -> str:
 def _unplanned(data: Tables) -> str:
     """Both curricula without a plan, in Barcelona.
 
-    A validation asks for an episode that reached its end, so who never rides one has none: the last episodes stand in.
+    A validation waits for an episode that reaches its end, and in most of these runs none does: the last ones stand in.
     """
     last = data["episodes"].sort_values("step").groupby(["setting", "seed"], as_index=False).last()
     measures = {
