@@ -36,8 +36,8 @@ ABLATIONS: Final = (
     "no-mirror",
 )  # fmt: skip
 """The same of SAC alone with one thing changed."""
-UNPLANNED: Final = tuple(f"plain-{kind}" for kind in KINDS)
-"""Both curricula without a plan in reward or observation."""
+UNPLANNED: Final = ("plain-spdl", "plain-sac", "plain-schedule")
+"""The same, and a fixed schedule, without a plan in reward or observation."""
 ACTORS: Final = ("early", "late", "best")
 
 
