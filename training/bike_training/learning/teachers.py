@@ -34,11 +34,11 @@ RIDDEN: Final = 0.5
 """Part of the rides whose grip is known by place, as after a lap."""
 RIDDEN_ERROR: Final = 0.015
 """Standard deviation of what is known of it."""
-GENTLE: Final = LqrSettings(lateral=0.1)
-"""Weights of the rider of paths who is far from the line: with its usual ones it leans beyond 45 degrees where a ride
-begins perturbed in a sharp bend from 5.5 m/s on, and with 0.3 still in one of 40 such rides."""
-ASIDE: Final = (0.1, 0.3)
-"""Distances from the line between which it changes from its usual weights to these, m."""
+LATERAL: Final = (4.0, 1.0, 0.1)
+"""Weights of the lateral error of the riders of paths: the first one rides nearest to the line. Far from it, with more
+than 0.1, they lean beyond 45 degrees where a ride begins perturbed in a sharp bend from 5.5 m/s on, or after a push."""
+ASIDE: Final = (0.02, 0.05, 0.15)
+"""Distances from the line at which each of them rides alone, m."""
 
 
 class Teacher(ABC):
@@ -79,17 +79,17 @@ def teacher_of(env: BatchVecEnv) -> Teacher:
 
 
 class PathTeacher(Teacher):
-    """The linear-quadratic rider, which is told the path and the bicycle, and is gentle where it is far from it."""
+    """Linear-quadratic riders, which are told the path and the bicycle: the gentler the farther they are from it."""
 
     noise: tuple[float, ...] = (0.02,)
     noise_memory = 0.9
     weights: tuple[float, ...] = (1.0,)
 
     def __init__(self, env: BatchVecEnv) -> None:
-        """Make two riders for each row, the usual one and a gentle one; all rows take the same designs."""
+        """Make the riders of each row; all rows take the same designs."""
         assert isinstance(env.task, PathTask), "its rides are on paths"
         self._batch, self._scale = env.batch, env.batch.vehicle.max_steer / env.task.max_steer
-        self._riders = [(LqrRider(), LqrRider(GENTLE)) for _ in range(env.batch.count)]
+        self._riders = [[LqrRider(LqrSettings(lateral=each)) for each in LATERAL] for _ in range(env.batch.count)]
         for riders in self._riders:
             for rider, first in zip(riders, self._riders[0], strict=True):
                 rider.designs = first.designs
@@ -107,8 +107,8 @@ class PathTeacher(Teacher):
         for row, riders in enumerate(self._riders):
             look, state = self._batch.look[row], self._batch.state[row]
             if np.isfinite(look.sum() + state.sum()):
-                usual, gentle = (rider.steering(look, state) for rider in riders)
-                found[row] = usual + (gentle - usual) * np.interp(abs(look[LATERAL_ERROR]), ASIDE, (0.0, 1.0))
+                answers = [rider.steering(look, state) for rider in riders]
+                found[row] = np.interp(abs(look[LATERAL_ERROR]), ASIDE, answers)
         return np.clip(self._scale * found, -1.0, 1.0).astype(np.float32)
 
 

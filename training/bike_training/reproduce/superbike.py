@@ -68,7 +68,7 @@ CURRICULA: Final[Mapping[str, Mapping[str, Any]]] = {
     "spdl600": {"curriculum": "spdl", "curriculum.threshold": 600.0},
     "plain-spdl": {"curriculum": "spdl", "curriculum.threshold": SPDL_THRESHOLD} | NO_PLAN,
     "plain-sac": {"curriculum": "target"} | NO_PLAN,
-    "plain-schedule": {"curriculum": "schedule", "curriculum.schedule": 320_000} | NO_PLAN,
+    "plain-schedule": {"curriculum": "schedule"} | NO_PLAN,
     "published-spdl": {"curriculum": "spdl", "curriculum.threshold": SPDL_THRESHOLD} | PUBLISHED,
     "published-sac": {"curriculum": "target"} | PUBLISHED,
     "swings": {
@@ -88,8 +88,8 @@ CURRICULA: Final[Mapping[str, Mapping[str, Any]]] = {
 """Settings by the first part of a setting's name: all arms draw from SPDL's target in the end. The first two are the
 paper's. ``schedule`` moves to the target whatever the returns are: what self-pacing adds is the difference from it;
 ``stages`` jumps there in four. Those called plain have the paper's observation, and its speed limit in place of a
-planned speed, and their schedule ends when SPDL had come to the target in the mean; those called published its learner
-too. Those of `superbike_results.ABLATIONS` are ``sac`` with one thing changed."""
+planned speed; those called published its learner too. Those of `superbike_results.ABLATIONS` are ``sac`` with one thing
+changed."""
 EARLY: Final = 1150 / 1900
 """The paper's early snapshot as a part of its run (Table I)."""
 PRESET: Final = "race_direct"

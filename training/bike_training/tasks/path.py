@@ -18,6 +18,7 @@ from bike_policy.contract.observation import FINE_LAYOUT, LEAN_LAYOUT, PROP_LAYO
 from bike_sim.physics.state import ROLL, ROLL_RATE
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview
+from bike_sim.sim.worlds import load_worlds
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.settings import AT_LEAST_1, POSITIVE, check_choice
@@ -119,6 +120,7 @@ class PathTask(Task):
             paper (chi_1 of Eq. 7 is the weight of the distance).
         sharpness: width of the terms ``path_peak`` and ``path_close``, m.
         max_steps: n_max, steps of an episode.
+        disturbances: names or files of what disturbs the bicycles; rows take them in turn.
     """
 
     limits: ClassVar = {"max_steps": AT_LEAST_1, "sharpness": POSITIVE, "max_steer": POSITIVE}
@@ -131,10 +133,12 @@ class PathTask(Task):
     weights: Mapping[str, float] = field(default_factory=dict)
     sharpness: float = 0.2
     max_steps: int = 1200
+    disturbances: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse values that mean nothing."""
         super().__post_init__()
+        load_worlds(self.disturbances)
         check_choice("task", self.task, VARIANTS)
         self.set_weights(VARIANTS[self.task].weights, REWARD_TERMS, negative=True)
 
