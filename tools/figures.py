@@ -56,7 +56,7 @@ SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
         *(f"{_SIM}/sim", f"{_SIM}/course", f"{_SIM}/config/courses"),
     ),
     "bicycle_riders": (
-        *(*_CONTRACT, *(f"{_POLICY}/policies/{name}" for name in ("whipple", "whipple_sac"))),
+        *(*_CONTRACT, *(f"{_POLICY}/policies/{name}" for name in ("whipple", "whipple_exact"))),
         *(f"{_ROLLOUT}/{name}.py" for name in ("rollout", "evaluation")),
         *(f"{_POLICY}/riders/{name}.py" for name in ("estimator", "lqr", "mpc", "observer", "stanley")),
     ),
@@ -361,9 +361,9 @@ def headline(name: str) -> str:
         if row["machine"] in machines
     ]
     lapped = f"{sum(row['whole'] == row['rides'] for row in pairs_)} of {len(pairs_)}"
-    exact, sac = (
+    sac, exact = (
         f"{riders['largest distance'][f'`{rider}`']}, {riders['largest mean distance'][f'`{rider}`']}"
-        for rider in ("whipple", "whipple_sac")
+        for rider in ("whipple", "whipple_exact")
     )
     speeds = f"{modes['`weave_speed_m_s`']}, {modes['`capsize_speed_m_s`']} m/s"
     ratios = [f"{engines[f'`{kind}_to_exudyn_ratio`']:.1f}" for kind in ("pybullet", "whipple")]
@@ -374,8 +374,8 @@ def headline(name: str) -> str:
             "0.69 m, 0.09 m",
             "`bike reproduce bicycle`",
         ],
-        ["Bicycle, SAC from an imitation: the same", sac, "-", "`bike evaluate whipple_sac`"],
-        ["Bicycle, learned through gradients: the same", exact, "-", "`bike evaluate`"],
+        ["Bicycle, SAC from an imitation: the same", sac, "-", "`bike evaluate`"],
+        ["Bicycle, learned through gradients: the same", exact, "-", "`bike evaluate whipple_exact`"],
         ["Bicycle, PyBullet at 1 ms: weave, capsize speed", speeds, "4.29, 6.02 m/s", "`bike validate`"],
         ["Superbikes, one guided actor: pairs lapped", lapped, "14 of 15", "`bike evaluate racer`"],
         ["`racer` over the closest line's theoretical lap", f"{min(racer):.1f} to {max(racer):.1f} %", "-", "the same"],

@@ -119,9 +119,16 @@ def riders(answers: Sequence[Any]) -> Rows:
     groups = [(Path(a["figures"]["riders"][0]["course"]).stem, a["figures"]["riders"]) for a in answers]
     if len(answers) == 1:
         groups = [(each[0]["disturbances"], each) for each in zip(*(r["disturbed"] for r in first), strict=True)]
-    rows = [[name, *(RIDDEN.format(**rider) for rider in each)] for name, each in groups]
+    rows = [[name, *(RIDDEN.format(**rider) for rider in each), nearer(*each)] for name, each in groups]
     kind = "disturbances" if len(answers) == 1 else "path"
-    return [[kind, *map(ridden_by, names)], *rows]
+    return [[kind, *map(ridden_by, names), f"`{names[0]}` is nearer"], *rows]
+
+
+def nearer(rider: Mapping[str, Any], other: Mapping[str, Any]) -> str:
+    """Return in how many rides a rider has a smaller mean distance than another one, or comes to the end alone."""
+    pairs = list(zip(rider["rides"], other["rides"], strict=True))
+    smaller = [a["completed"] and (a["mean_m"] < b["mean_m"] or not b["completed"]) for a, b in pairs]
+    return f"{sum(smaller)} of {len(pairs)}"
 
 
 def draws(answers: Sequence[Any]) -> Rows:

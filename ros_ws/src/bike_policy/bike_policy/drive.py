@@ -21,8 +21,9 @@ from bike_msgs.msg import BikeState, Opponents
 from bike_msgs.msg import Course as CourseMessage
 from numpy.typing import NDArray
 
+from bike_policy.contract.bundle import shipped_policies
 from bike_policy.riders.base import Rider, bundle_of, grip_of, infers_grip
-from bike_policy.riders.rider import DEFAULT, check_race, make_rider
+from bike_policy.riders.rider import DEFAULT, RIDERS, check_race, make_rider
 from bike_sim.course.course import Course
 from bike_sim.ros import node_tools
 from bike_sim.ros.command_gate import ANY_EPISODE, Command
@@ -46,9 +47,9 @@ SPECS: Final = (
     ParameterSpec(
         "policy",
         DEFAULT,
-        "whipple, whipple_sac, lqr, mpc or stanley; racer, generalist, adaptive, overtaker, spdl_barcelona, classical "
-        "or careful; the folder of a bundle; or default (or nothing), which chooses by the vehicle that is simulated. "
-        "In a race classical and overtaker see the others; solo: in front of any name rides it as if it were alone.",
+        f"{', '.join([*shipped_policies(), *RIDERS])}, the folder of a bundle, or default (or nothing), which chooses "
+        "by the vehicle that is simulated. In a race classical and overtaker see the others; solo: in front of any "
+        "name rides it as if it were alone.",
         fixed=True,
     ),
     VEHICLE,
