@@ -8,7 +8,7 @@
 
 int main(void) {
   /* Upright at 4 m/s on a straight line that lies 0.3 m to the left; rolling wheels of radius 0.35 m. */
-  bike_whipple_inputs in = {.speed = 4.0f, .front_wheel_rate = 4.0f / 0.35f};
+  bike_whipple_inputs in = {.front_wheel_rate = 4.0f / 0.35f};
   for (int k = 0; k < 25; ++k) in.preview_y[k] = 0.3f;
   float command[BIKE_WHIPPLE_ACTION];
   bike_whipple_answer(&in, command);
