@@ -16,7 +16,7 @@ from bike_sim.sim.simulator import Simulator
 from bike_training.rollout.rollout import RideResult, ride_through, time_for
 
 EXACT = "whipple_exact"
-MEAN, LARGEST = 0.015, 0.2
+MEAN, LARGEST = 0.015, 0.15
 """Goals of any ride on the benchmark path at 2 to 7 m/s, m."""
 
 
@@ -32,7 +32,8 @@ def ridden(name: str, speed: float, course: str = "benchmark") -> RideResult:
     ("name", "speed", "mean", "largest"),
     [
         *((EXACT, speed, MEAN, LARGEST) for speed in (2.0, 4.5, 7.0)),
-        *((DEFAULT_POLICY, speed, MEAN, LARGEST) for speed in (1.5, 4.5, 7.0)),
+        *((DEFAULT_POLICY, speed, MEAN, LARGEST) for speed in (1.5, 4.5)),
+        (DEFAULT_POLICY, 7.0, MEAN, 0.2),  # its teacher is gentle far from the path
         (DEFAULT_POLICY, 9.0, 0.1, 1.0),  # beyond what it learned by reward
         *(("lqr", speed, 0.05, math.inf) for speed in (2.0, 7.0)),
         *(("stanley", speed, math.inf, most) for speed, most in ((2.0, 0.3), (4.0, 1.0))),  # without preview

@@ -124,6 +124,11 @@ class Task(Settings, ABC):
     error_name: str
     largest_error: float
 
+    def __post_init__(self) -> None:
+        """Refuse values that mean nothing."""
+        super().__post_init__()
+        load_worlds(self.disturbances)
+
     @property
     @abstractmethod
     def layout(self) -> ObservationLayout: ...  # noqa: D102

@@ -18,7 +18,6 @@ from bike_policy.contract.observation import FINE_LAYOUT, LEAN_LAYOUT, PROP_LAYO
 from bike_sim.physics.state import ROLL, ROLL_RATE
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview
-from bike_sim.sim.worlds import load_worlds
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.settings import AT_LEAST_1, POSITIVE, check_choice
@@ -138,7 +137,6 @@ class PathTask(Task):
     def __post_init__(self) -> None:
         """Refuse values that mean nothing."""
         super().__post_init__()
-        load_worlds(self.disturbances)
         check_choice("task", self.task, VARIANTS)
         self.set_weights(VARIANTS[self.task].weights, REWARD_TERMS, negative=True)
 

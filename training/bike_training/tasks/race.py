@@ -26,7 +26,6 @@ from bike_sim.physics.state import ROLL, ROLL_RATE, STEER
 from bike_sim.schema import SIGNALS
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import COURSE_POINTS, Preview, ResetRequest
-from bike_sim.sim.worlds import load_worlds
 from bike_sim.vehicles.bicycle import Vehicle
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.settings import AT_LEAST_0, AT_LEAST_1, POSITIVE, check_choice
@@ -173,7 +172,6 @@ class RaceTask(Task):
     def __post_init__(self) -> None:
         """Refuse values that mean nothing."""
         super().__post_init__()
-        load_worlds(self.disturbances)
         check_choice("task", self.task, ("race",))
         check_choice("observation", self.observation, RACE_LAYOUTS)
         self.set_weights(RACE_WEIGHTS, REWARD_TERMS)
