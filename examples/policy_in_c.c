@@ -9,7 +9,10 @@
 int main(void) {
   /* Upright at 4 m/s on a straight line that lies 0.3 m to the left; rolling wheels of radius 0.35 m. */
   bike_whipple_inputs in = {.front_wheel_rate = 4.0f / 0.35f};
-  for (int k = 0; k < 25; ++k) in.preview_y[k] = 0.3f;
+  for (int k = 0; k < 41; ++k) {
+    in.preview_x[k] = 4.0f * 0.05f * k;
+    in.preview_y[k] = 0.3f;
+  }
   float command[BIKE_WHIPPLE_ACTION];
   bike_whipple_answer(&in, command);
   printf("0.3 m right of the line: steer to %.3f rad\n", command[0]);

@@ -14,6 +14,7 @@ from bike_policy.contract.observation import (
     LEAN_LAYOUT,
     PROP_LAYOUT,
     RACE_LAYOUTS,
+    TURN_LAYOUT,
     ObservationLayout,
     Rows,
 )
@@ -25,10 +26,11 @@ LAYOUTS = [task.layout for task in TASKS.values()]
 finite = st.floats(-20.0, 20.0)
 
 
-def rows(state, preview_y):
+def rows(state, preview_y, preview_x=None):
     """Return rows where a layout takes nothing but state and preview."""
     state, preview_y = np.atleast_2d(state, preview_y)
-    return Rows.of_path(state, np.full((len(state), lk.LOOK_SIZE), np.nan), preview_y)
+    preview_x = np.zeros_like(preview_y) if preview_x is None else np.atleast_2d(preview_x)
+    return Rows.of_path(state, np.full((len(state), lk.LOOK_SIZE), np.nan), np.stack((preview_x, preview_y), axis=1))
 
 
 FEATURES = LEAN_LAYOUT.size - LEAN_LAYOUT.preview_count
@@ -55,6 +57,17 @@ def test_lean_preview_of_a_circle_is_the_steady_lean():
     # The first of them is seen from the tangent point; the later ones turn away by the angle of the arc.
     angles = arc[1:-1] / radius
     np.testing.assert_allclose(lean, speed**2 / (9.81 * radius) * np.cos(angles), rtol=1e-3)
+
+
+@given(finite.filter(lambda angle: abs(angle) < 1.5), st.floats(2.0, 7.0), st.floats(3.0, 60.0))
+def test_turn_preview_of_a_circle_is_the_steady_lean_from_any_angle(angle, speed, radius):
+    """However the machine stands to the line, also where it has turned by more than a quarter."""
+    turn = speed * TURN_LAYOUT.preview_interval * np.arange(TURN_LAYOUT.preview_count) / radius
+    x, y = radius * np.sin(turn), radius * (1.0 - np.cos(turn))
+    cos, sin = math.cos(angle), math.sin(angle)
+    seen = TURN_LAYOUT.observe(rows(np.zeros(STATE_SIZE), sin * x + cos * y, cos * x - sin * y))[0]
+    lean = seen[TURN_LAYOUT.size - TURN_LAYOUT.preview_count + 2 :]
+    np.testing.assert_allclose(lean, speed**2 / (9.81 * radius), rtol=1e-2)
 
 
 def test_lean_preview_loses_nothing():

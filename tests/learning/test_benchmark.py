@@ -128,7 +128,7 @@ def test_commands_act_late_where_the_task_says_so() -> None:
 def test_compiled_observation_and_reward_are_those_of_the_task() -> None:
     benchmark, rng = benchmark_of(PUSHES), np.random.default_rng(4)
     state, look = rng.normal(0.0, 1.0, (50, len(STATE))), rng.normal(0.0, 2.0, (50, len(LOOK)))
-    preview = rng.normal(0.0, 1.0, (50, benchmark.task.layout.preview_count))
+    preview = rng.normal(0.0, 1.0, (50, 2, benchmark.task.layout.preview_count))
     rows = Rows.of_path(state, look, preview)
     compiled = benchmark.task.make_state(50, tasks.load_vehicle(tasks.BICYCLE))
     plain = PathTask(task="fine", weights=benchmark.task.weights).make_state(50, tasks.load_vehicle(tasks.BICYCLE))

@@ -60,7 +60,7 @@ def messages(path: Path, topic: str) -> list:
 def blocks_of(state) -> Rows:
     """Return what a recorded state shows."""
     blocks = (np.array([getattr(state, name) for name in names]) for names in (FIELDS, lk.FIELDS))
-    return Rows.of_path(*(block[None] for block in blocks), np.array(state.preview_y)[None])
+    return Rows.of_path(*(block[None] for block in blocks), np.array([[state.preview_x, state.preview_y]]))
 
 
 def notes(path: Path) -> dict:

@@ -94,9 +94,9 @@ def test_named_inputs_give_the_observation_and_the_limits_of_the_action(layout: 
     bundle, rng = made(layout), np.random.default_rng(3)
     header = make_header(bundle, "float", seen(bundle), "nowhere")
     state, look = rng.uniform(-4.0, 4.0, (200, len(STATE))), rng.uniform(1.0, 5.0, (200, len(LOOK)))
-    preview = np.cumsum(rng.uniform(-0.1, 0.1, (200, layout.preview_count)), axis=1)
+    preview = np.cumsum(rng.uniform(-0.1, 0.1, (200, 2, layout.preview_count)), axis=2)
     columns = [look[:, LOOK.index(name)] if name == "speed" else state[:, STATE.index(name)] for name in header.fields]
-    commands = CompiledHeader(header).answer(np.column_stack([*columns, preview]), 1)
+    commands = CompiledHeader(header).answer(np.column_stack([*columns, preview[:, 0], preview[:, 1]]), 1)
     actions = bundle.actor.act_batch(layout.observe(Rows.of_path(state, look, preview)))
     expected = bundle.action.to_commands(actions, 1.0, look[:, LOOK.index("speed")])[:, :1]
     np.testing.assert_allclose(commands, expected, atol=1e-4)
@@ -115,7 +115,10 @@ def test_the_shipped_bicycle_is_steered_by_its_header() -> None:
     rider.begin(simulator.vehicle, simulator.course, simulator.config.control_period, simulator.preview)
     while snapshot.time < 12.0:
         rows = [snapshot.speed if name == "speed" else snapshot.state[STATE.index(name)] for name in header.fields]
-        answer = library.answer(np.array([[*rows, *snapshot.preview_y]]), 1)[0, 0] / simulator.vehicle.max_steer
+        answer = (
+            library.answer(np.array([[*rows, *snapshot.preview_x, *snapshot.preview_y]]), 1)[0, 0]
+            / simulator.vehicle.max_steer
+        )
         assert answer == pytest.approx(rider.command(snapshot)[0], abs=2e-5)
         snapshot = simulator.step(float(answer), 0.0)
     assert abs(snapshot.distance) < 0.1

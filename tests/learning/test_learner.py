@@ -26,7 +26,7 @@ from bike_training.tasks.path import TASKS
 def test_preview_points_become_the_lean_preview() -> None:
     """The same line, seen as points every 0.2 s and as leans, is the same to the networks."""
     rng = np.random.default_rng(0)
-    seen = Rows.of_path(*(rng.normal(size=(1, size)) for size in (10, 12, LEAN_LAYOUT.preview_count)))
+    seen = Rows.of_path(*(rng.normal(size=(1, *size)) for size in ((10,), (12,), (2, LEAN_LAYOUT.preview_count))))
     points = replace(PROP_LAYOUT, preview_interval=0.2, preview_count=11)
     as_lean = LEAN_LAYOUT.observe(seen)[0, -11:]
     changed = (points.observe(seen) @ coordinates(points))[0, -11:]
@@ -74,11 +74,13 @@ def test_learners_without_replay_have_the_same_kind_of_actor(learner: str, monke
     env.close()
 
 
-def test_critics_see_a_steady_turn_as_no_deviation() -> None:
+@pytest.mark.parametrize("name", ["fine", "turn"])
+def test_critics_see_a_steady_turn_as_no_deviation(name: str) -> None:
     """On its line a bicycle leans as the line asks for, and the set point is the steering angle: all of it is 0."""
-    task = TASKS["fine"]
+    task = TASKS[name]
     lean, steer = np.tan(0.3), 0.2
-    state, preview = np.zeros((1, 10)), 0.5 * GRAVITY * lean * (0.1 * np.arange(25)) ** 2
+    time = task.layout.preview_interval * np.arange(task.layout.preview_count)
+    state, preview = np.zeros((1, 10)), np.stack((1e3 * time, 0.5 * GRAVITY * lean * time**2))
     state[0, [3, 4]] = -lean, steer
     seen = task.layout.observe(Rows.of_path(state, np.zeros((1, 12)), preview[None]))
     changed = dict(zip(task.layout.names, (seen @ coordinates(task.layout))[0], strict=True))

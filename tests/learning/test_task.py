@@ -20,7 +20,7 @@ def at(distance, roll, fallen=False):
     state, look = np.zeros((len(roll), STATE_SIZE)), np.zeros((len(roll), lk.LOOK_SIZE))
     state[:, ROLL] = roll
     look[:, lk.LATERAL_ERROR] = look[:, lk.FRONT_LATERAL_ERROR] = distance
-    return Rows.of_path(state, look, np.zeros((len(roll), 5)))._replace(fallen=np.asarray(fallen, dtype=bool))
+    return Rows.of_path(state, look, np.zeros((len(roll), 2, 5)))._replace(fallen=np.asarray(fallen, dtype=bool))
 
 
 def reward(task, distance, roll):

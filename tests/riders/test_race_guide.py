@@ -86,7 +86,7 @@ def test_the_mirrored_ride_gets_the_mirrored_answer(pair: tuple[LineController, 
 def test_a_guide_answers_again_the_same_and_goes_on_from_its_memory(panigale: Superbike) -> None:
     class Rows:
         state, look, signals = np.zeros((2, 10)), np.zeros((2, 12)), np.zeros((2, len(SIGNALS)))
-        preview_y, circuit, points = np.zeros((2, 20)), np.zeros((2, 8)), np.zeros((2, 3, 20, 3))
+        preview_xy, circuit, points = np.zeros((2, 2, 20)), np.zeros((2, 8)), np.zeros((2, 3, 20, 3))
         fallen, opponents = np.zeros(2, dtype=np.bool_), np.zeros((2, 0, 0))
 
     def ride(guide: AdaptiveLaw, steps: range) -> list[np.ndarray]:

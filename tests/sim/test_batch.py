@@ -37,7 +37,7 @@ STARTS = some.fixed_dictionaries(
     }
 )
 ROWS = some.lists(some.tuples(some.sampled_from(MACHINES), STARTS, some.floats(6.0, 18.0)), min_size=1, max_size=4)
-BLOCKS = ("state", "look", "signals", "place", "circuit", "points", "preview_x", "preview_y")
+BLOCKS = ("state", "look", "signals", "place", "circuit", "points", "preview_xy")
 
 
 class Fleet:
@@ -69,8 +69,7 @@ def assert_row_shows(batch: Batch, row: int, snapshot: Snapshot) -> None:
     assert batch.state[row].tobytes() == snapshot.state.tobytes()
     assert batch.look[row].tobytes() == snapshot.look.tobytes()
     assert batch.signals[row].tobytes() == snapshot.signals.tobytes()
-    assert batch.preview_x[row].tobytes() == snapshot.preview_x.tobytes()
-    assert batch.preview_y[row].tobytes() == snapshot.preview_y.tobytes()
+    assert batch.preview_xy[row].tobytes() == np.stack((snapshot.preview_x, snapshot.preview_y)).tobytes()
     assert batch.on_circuit[row] == (snapshot.circuit is not None)
     if snapshot.circuit is None:
         assert not any(block[row].any() for block in (batch.place, batch.circuit, batch.points))

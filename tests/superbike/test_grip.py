@@ -129,7 +129,7 @@ def test_a_careful_rider_does_not_drive_while_the_handlebars_shake(panigale: Sup
     for step in range(40):
         state = batch.state.copy()
         state[0, STATE.index("steer_rate")] = (-1.0) ** step
-        rows = Rows(state, batch.look, batch.preview_y, batch.signals, batch.circuit, batch.points, batch.fallen)
+        rows = Rows(state, batch.look, batch.preview_xy, batch.signals, batch.circuit, batch.points, batch.fallen)
         drives.append([law.follow(rows, np.ones(1), np.ones(1))[0, 1] for law in laws])
         assert [law.follow(rows, np.ones(1), np.ones(1))[0, 1] for law in laws] == drives[-1]
     careful, classical = np.array(drives).T

@@ -86,7 +86,7 @@ class _BoundedState(PathState):
     def observe(self, rows: VehicleRows) -> NDArray[np.float32]:
         """Return the observations, those of a fall within the bounds as well."""
         seen = np.empty(self._shape, dtype=np.float32)
-        kernels.observe(rows.state, rows.preview_y, self._columns, self._step, self._gains, self._bounds, seen)
+        kernels.observe(rows.state, rows.preview_xy[:, 1], self._columns, self._step, self._gains, self._bounds, seen)
         return seen
 
     def evaluate(self, rows: VehicleRows) -> StepResult:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from bike_policy.contract.action import GUIDED, MEANINGS, STEERING_SET_VALUE
 from bike_policy.contract.bundle import Actor, Bundle
-from bike_policy.contract.observation import PATH_TERMS, ObservationLayout
+from bike_policy.contract.observation import LEAST_AHEAD, PATH_TERMS, ObservationLayout
 from bike_sim.documents import alternatives
 from bike_sim.schema import GRAVITY, LOOK, STATE
 from bike_sim.vehicles.files import load_vehicle
@@ -53,7 +53,7 @@ _YAW_TERMS: Final = {
     "yaw_cos": "cosf(in->yaw)",
     "yaw_sin": "sinf(in->yaw)",
 }
-_PREVIEW_TERMS: Final = ("preview_points", "preview_lean")
+_PREVIEW_TERMS: Final = ("preview_points", "preview_lean", "preview_turn")
 _C_TERMS: Final = frozenset((*_STATE_TERMS, *_YAW_TERMS, *_PREVIEW_TERMS))
 
 
@@ -247,9 +247,9 @@ def _observe(prefix: str, layout: ObservationLayout, fields: tuple[str, ...]) ->
     lines += [f"  float {name};  /* {quantities[name].unit}: {quantities[name].meaning} */" for name in fields]
     basis = "s" if layout.preview_by_time else "m"
     lines += [
-        "  /* m: distance to the left of the rear contact point's heading, of points of the line that are ahead by",
+        "  /* m: ahead of the rear contact and to the left of its heading, of points of the line further on by",
         f"     0, {layout.preview_interval:g}, ... {layout.preview_interval * (layout.preview_count - 1):g} {basis} */",
-        f"  float preview_y[{layout.preview_count}];",
+        f"  float preview_x[{layout.preview_count}], preview_y[{layout.preview_count}];",
         f"}} {prefix}_inputs;\n",
         "/* Make the observation. */",
         f"static inline void {prefix}_observe(const {prefix}_inputs *in, float *observation) {{",
@@ -261,13 +261,24 @@ def _observe(prefix: str, layout: ObservationLayout, fields: tuple[str, ...]) ->
         if term in _PREVIEW_TERMS:
             lines.append(f"  for (int k = 0; k < {layout.preview_count}; ++k) {{")
             lines.append("    float value = in->preview_y[k];")
-            if term == "preview_lean":
-                step, scale = layout.preview_interval, 1.0 / (GRAVITY * layout.preview_interval**2)
+            if term != "preview_points":
+                step, scale = layout.preview_interval, _number(1.0 / (GRAVITY * layout.preview_interval**2))
                 lines += [
                     f"    if (k == 1) value = (value - in->preview_y[0]) * {_number(1.0 / step)};",
-                    "    if (k >= 2) value = ((value - in->preview_y[k - 1]) - (in->preview_y[k - 1] - "
-                    f"in->preview_y[k - 2])) * {_number(scale)};",
+                    "    if (k >= 2) {",
+                    "      float next = value - in->preview_y[k - 1];",
+                    "      float last = in->preview_y[k - 1] - in->preview_y[k - 2];",
                 ]
+                if term == "preview_turn":
+                    lines += [
+                        "      float along = in->preview_x[k] - in->preview_x[k - 1];",
+                        "      float before = in->preview_x[k - 1] - in->preview_x[k - 2];",
+                        f"      value = (before * next - last * along) * {scale}",
+                        f"          / fmaxf(hypotf(before, last), {_number(LEAST_AHEAD)});",
+                    ]
+                else:
+                    lines.append(f"      value = (next - last) * {scale};")
+                lines.append("    }")
             lines += [f"    observation[{first} + k] = {times}value;", "  }"]
             continue
         value = _YAW_TERMS.get(term) or f"in->{_STATE_TERMS[term]}"
@@ -376,7 +387,7 @@ class CompiledHeader:
         return self._all("act", observations, outputs)
 
     def answer(self, inputs: NDArray[np.float32], outputs: int) -> NDArray[np.float32]:
-        """Return the commands of named inputs: the header's fields, then the preview's points; shape (n, outputs)."""
+        """Return the commands of named inputs: the header's fields, x and y of the preview; shape (n, outputs)."""
         return self._all("answer", inputs, outputs)
 
     def _all(self, name: str, inputs: NDArray[np.float32], outputs: int) -> NDArray[np.float32]:

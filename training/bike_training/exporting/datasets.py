@@ -86,7 +86,7 @@ def read_episodes(paths: Sequence[Path]) -> list[Episode]:
                 if picked is None:
                     picked = layout.pick_preview(preview.by_time, preview.interval, preview.count)
                 rows = rows_of(snapshot)
-                rows = rows._replace(preview_y=rows.preview_y[:, picked])
+                rows = rows._replace(preview_xy=rows.preview_xy[:, :, picked])
                 if seen:
                     outcome = state.evaluate(rows)
                     actions.append(snapshot.steering / factor)

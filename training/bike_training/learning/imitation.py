@@ -97,8 +97,9 @@ class Imitation:
         self._shown: list[NDArray[np.float32]] = []
 
         def cost(weights: Weights, seen: jax.Array, shown: jax.Array) -> jax.Array:
-            error = jnp.tanh(forward(weights, seen)) - shown
-            return jnp.mean(jnp.array(self._teacher.weights) * error**2)
+            error, small = jnp.tanh(forward(weights, seen)) - shown, self._teacher.small
+            lost = jnp.sqrt(error**2 + small**2) if math.isfinite(small) else error**2
+            return jnp.mean(jnp.array(self._teacher.weights) * lost)
 
         @jax.jit
         def update(weights: Any, moments: Any, seen: Any, shown: Any, rate: Any) -> Any:

@@ -136,7 +136,7 @@ class ObservationJacobian:
             ValueError: it shows where in the map the bicycle is.
         """
         known = {*INNER, "front_wheel_rate", "speed"}
-        shown = set(layout.terms[:-1])
+        shown = set(layout.terms).difference(("preview_points", "preview_lean"))
         if not shown <= known:
             raise ValueError(f"layout {layout.name!r} shows {sorted(shown - known)}, which have no slopes")
         self._size, self._first = layout.size, layout.size - layout.preview_count
@@ -147,8 +147,9 @@ class ObservationJacobian:
                 self._inner[place, column] = layout.gains[place]
         # What is shown of the preview is linear in it.
         count = layout.preview_count
-        nothing = Rows.of_path(np.zeros((1, 10)), np.zeros((1, 12)), np.zeros((1, count)))
-        ones = Rows.of_path(np.zeros((count, 10)), np.zeros((count, 12)), np.eye(count))
+        nothing = Rows.of_path(np.zeros((1, 10)), np.zeros((1, 12)), np.zeros((1, 2, count)))
+        aside = np.stack((np.zeros((count, count)), np.eye(count)), axis=1)
+        ones = Rows.of_path(np.zeros((count, 10)), np.zeros((count, 12)), aside)
         effect = (layout.observe(ones) - layout.observe(nothing))[:, self._first :]
         self._preview = effect.T.astype(np.float64)
 
@@ -252,7 +253,7 @@ class LinearRides:
             if self._settings.impulse:
                 self._hit(whole)
             seen = task.layout.observe(batch)
-            sight = (self._sight.slopes(batch.preview_x) * whole[:, None, None]).astype(np.float32)
+            sight = (self._sight.slopes(batch.preview_xy[:, 0]) * whole[:, None, None]).astype(np.float32)
             speed = batch.look[:, lk.SPEED]
             commands = task.action.to_commands(actor.act_batch(seen), batch.vehicle.max_steer, speed)
             self._sent = commands[:, 0]

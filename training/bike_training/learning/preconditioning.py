@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sbx.common.policies import SquashedGaussianActor, VectorCritic
 
 from bike_policy.contract.action import ActionLayout
-from bike_policy.contract.observation import LEAN_LAYOUT, ObservationLayout
+from bike_policy.contract.observation import LEAN_LAYOUT, TURN_LAYOUT, ObservationLayout
 from bike_sim.schema import GRAVITY
 
 _SIZES: Final = {
@@ -50,7 +50,7 @@ def coordinates(layout: ObservationLayout) -> NDArray[np.float32]:
     first = layout.size - layout.preview_count
     sizes = [abs(gain) * _SIZES.get(name, 1.0) for name, gain in zip(layout.names, layout.gains, strict=True)]
     matrix = np.diag([1.0 / size for size in sizes[:first]] + [1.0] * layout.preview_count)
-    if layout.terms == LEAN_LAYOUT.terms:
+    if layout.terms in _IN_LEANS:
         return _lean_coordinates(layout).astype(np.float32)
     if "preview_points" in layout.terms:
         matrix[first:, first:] = _differences(layout).T / layout.gains[first]
@@ -72,6 +72,8 @@ def _differences(layout: ObservationLayout) -> NDArray[np.float64]:
     return matrix
 
 
+_IN_LEANS: Final = (LEAN_LAYOUT.terms, TURN_LAYOUT.terms)
+"""Terms of layouts whose preview is in leans."""
 _LEAN_SIZES: Final = {"roll": 0.1, "steer": 0.1, "roll_rate": 0.3, "steer_rate": 0.5, "front_wheel_rate": 10.0}
 """Sizes of the deviations from a line by which an exact actor steers: rad, rad/s."""
 _OFFSET: Final = 0.1
@@ -145,7 +147,7 @@ def networks(layout: ObservationLayout, action: ActionLayout) -> dict[str, Any]:
     """
     matrix = tuple(tuple(map(float, row)) for row in coordinates(layout))
     critics = partial(PreconditionedCritics, matrix=matrix)
-    if layout.terms == LEAN_LAYOUT.terms:
+    if layout.terms in _IN_LEANS:
         place = layout.names.index("steer")
         origin = [0.0] * layout.size
         origin[place] = float(1.0 / (layout.gains[place] * _SET_POINT))

@@ -8,6 +8,7 @@ ridden.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from typing import Final
 
@@ -34,10 +35,10 @@ RIDDEN: Final = 0.5
 """Part of the rides whose grip is known by place, as after a lap."""
 RIDDEN_ERROR: Final = 0.015
 """Standard deviation of what is known of it."""
-LATERAL: Final = (4.0, 1.0, 0.1)
+LATERAL: Final = (16.0, 4.0, 1.0, 0.1)
 """Weights of the lateral error of the riders of paths: the first one rides nearest to the line. Far from it, with more
 than 0.1, they lean beyond 45 degrees where a ride begins perturbed in a sharp bend from 5.5 m/s on, or after a push."""
-ASIDE: Final = (0.02, 0.05, 0.15)
+ASIDE: Final = (0.005, 0.02, 0.05, 0.15)
 """Distances from the line at which each of them rides alone, m."""
 
 
@@ -48,12 +49,14 @@ class Teacher(ABC):
         noise: standard deviation of what is added to each action of half of the rows, so that the actor sees how to
             come back.
         noise_memory: part of the noise that the next decision keeps.
-        weights: of the squared error of each action.
+        weights: of each action's cost of an error, its square.
+        small: error of an action from which on the cost grows with the error itself: few large ones hide many small.
     """
 
     noise: tuple[float, ...]
     noise_memory: float
     weights: tuple[float, ...]
+    small: float = math.inf
 
     @abstractmethod
     def begin(self, row: int, rng: np.random.Generator) -> None:
@@ -84,6 +87,7 @@ class PathTeacher(Teacher):
     noise: tuple[float, ...] = (0.02,)
     noise_memory = 0.9
     weights: tuple[float, ...] = (1.0,)
+    small = 0.01
 
     def __init__(self, env: BatchVecEnv) -> None:
         """Make the riders of each row; all rows take the same designs."""

@@ -14,7 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bike_policy.contract.action import ActionLayout
-from bike_policy.contract.observation import FINE_LAYOUT, LEAN_LAYOUT, PROP_LAYOUT, ObservationLayout, VehicleRows
+from bike_policy.contract.observation import (
+    FINE_LAYOUT,
+    LEAN_LAYOUT,
+    PROP_LAYOUT,
+    TURN_LAYOUT,
+    ObservationLayout,
+    VehicleRows,
+)
 from bike_sim.physics.state import ROLL, ROLL_RATE
 from bike_sim.sim import look as lk
 from bike_sim.sim.request import Preview
@@ -104,6 +111,7 @@ VARIANTS: Final[Mapping[str, PathVariant]] = {
     "alt5": PathVariant(weights={"path_linear": 0.5, "upright": 0.5}),
     "lean": PathVariant(LEAN_LAYOUT),
     "fine": PathVariant(FINE_LAYOUT),
+    "turn": PathVariant(TURN_LAYOUT),
 }
 """Table 5 by name, and this project's own."""
 

@@ -62,7 +62,7 @@ class VehicleRows(Protocol):
     Attributes:
         state: minimal states, shape (n, 10).
         look: derived quantities, shape (n, 12).
-        preview_y: lateral offsets of the preview points in base_footprint, m, shape (n, points).
+        preview_xy: x and y of the preview points in base_footprint, m, shape (n, 2, points).
         signals: telemetry, shape (n, signals).
         circuit: position between the limits, shape (n, 8); zeros without a circuit.
         points: followed line and limits ahead, m, shape (n, 3, STATIONS, 3); zeros without a circuit.
@@ -75,7 +75,7 @@ class VehicleRows(Protocol):
     @property
     def look(self) -> FloatArray: ...  # noqa: D102
     @property
-    def preview_y(self) -> FloatArray: ...  # noqa: D102
+    def preview_xy(self) -> FloatArray: ...  # noqa: D102
     @property
     def signals(self) -> FloatArray: ...  # noqa: D102
     @property
@@ -97,7 +97,7 @@ class Rows(NamedTuple):
 
     state: FloatArray
     look: FloatArray
-    preview_y: FloatArray
+    preview_xy: FloatArray
     signals: FloatArray
     circuit: FloatArray
     points: FloatArray
@@ -105,11 +105,11 @@ class Rows(NamedTuple):
     opponents: FloatArray = _ALONE
 
     @classmethod
-    def of_path(cls, state: FloatArray, look: FloatArray, preview_y: FloatArray) -> Rows:
+    def of_path(cls, state: FloatArray, look: FloatArray, preview_xy: FloatArray) -> Rows:
         """Return bicycles on paths, which have neither telemetry nor limits."""
         n = len(state)
         limits, points, alone = (np.repeat(array, n, axis=0) for array in (*_NO_CIRCUIT, _ALONE))
-        return cls(state, look, preview_y, np.zeros((n, 0)), limits, points, np.zeros(n, dtype=np.bool_), alone)
+        return cls(state, look, preview_xy, np.zeros((n, 0)), limits, points, np.zeros(n, dtype=np.bool_), alone)
 
 
 _NO_CIRCUIT: Final = (np.zeros((1, 8)), np.zeros((1, 3, STATIONS, 3)))
@@ -119,7 +119,8 @@ def rows_of(snapshot: Any) -> Rows:
     """Return a snapshot (`bike_sim.sim.snapshot.Snapshot`) as one row; the arrays are the snapshot's own."""
     circuit = snapshot.circuit
     limits, points = _NO_CIRCUIT if circuit is None else (circuit.limits[None], circuit.points[None])
-    columns = (snapshot.state[None], snapshot.look[None], snapshot.preview_y[None], snapshot.signals[None])
+    preview = np.stack((snapshot.preview_x, snapshot.preview_y))
+    columns = (snapshot.state[None], snapshot.look[None], preview[None], snapshot.signals[None])
     opponents = _ALONE if snapshot.opponents is None else snapshot.opponents[None]
     return Rows(*columns, limits, points, np.array([snapshot.fallen]), opponents)
 
@@ -234,12 +235,29 @@ def _preview_lean(rows: VehicleRows, layout: ObservationLayout) -> FloatArray:
     The interval is a time, so first differences over it are lateral velocities and second differences are lateral
     accelerations of a point that runs along the line: divided by g, the tangent of a steady lean.
     """
-    y, step = rows.preview_y, layout.preview_interval
+    y, step = rows.preview_xy[:, 1], layout.preview_interval
     lean = np.empty_like(y)
     lean[:, 0] = y[:, 0]
     lean[:, 1] = (y[:, 1] - y[:, 0]) / step
     lean[:, 2:] = (y[:, 2:] - 2.0 * y[:, 1:-1] + y[:, :-2]) / (GRAVITY * step**2)
     return lean
+
+
+def _preview_turn(rows: VehicleRows, layout: ObservationLayout) -> FloatArray:
+    """Return the same, but of the accelerations across the line where it is, instead of across the machine.
+
+    So a bend that the machine meets at an angle counts as what it is: linear-quadratic riders need nothing else.
+    """
+    turn, step = _preview_lean(rows, layout), layout.preview_interval
+    ahead = np.diff(rows.preview_xy, axis=2)
+    x, y = ahead[:, 0], ahead[:, 1]
+    across = x[:, :-1] * y[:, 1:] - y[:, :-1] * x[:, 1:]
+    turn[:, 2:] = across / (np.maximum(np.hypot(x, y)[:, :-1], LEAST_AHEAD) * GRAVITY * step**2)
+    return turn
+
+
+LEAST_AHEAD: Final = 1e-3
+"""Distance of two preview points below which a bicycle stands, m."""
 
 
 def _preview_names(layout: ObservationLayout) -> Names:
@@ -273,10 +291,13 @@ PATH_TERMS: Final[Mapping[str, Term]] = {
     "front_wheel_rate": _state("front_wheel_rate"),
     # t_p of Eq. (5)
     "preview_points": Term(
-        "m", lambda rows, _: rows.preview_y, -1.0, bound=math.inf, names=_preview_names, settings=_PREVIEW
+        "m", lambda rows, _: rows.preview_xy[:, 1], -1.0, bound=math.inf, names=_preview_names, settings=_PREVIEW
     ),
     "preview_lean": Term(
         "m, m/s, then 1", _preview_lean, -1.0, bound=math.inf, names=_preview_names, settings=_PREVIEW
+    ),
+    "preview_turn": Term(
+        "m, m/s, then 1", _preview_turn, -1.0, bound=math.inf, names=_preview_names, settings=_PREVIEW
     ),
 }
 """Terms of bicycles on paths, in SI units; a layout has factors for those that are not of order one."""
@@ -507,8 +528,9 @@ class ObservationLayout:
             raise ValueError(f"layout {self.name!r}: unseen must be 0 to {MOST_UNSEEN}, got {self.unseen!r}")
         if not self.races and not self.terms[-1].startswith("preview_"):
             raise ValueError(f"layout {self.name!r}: the last term must be a preview, got {self.terms[-1]!r}")
-        if "preview_lean" in self.terms and not (self.preview_by_time and self.preview_count >= 3):
-            raise ValueError(f"layout {self.name!r}: preview_lean needs a preview by time of at least 3 points")
+        leans = {"preview_lean", "preview_turn"}.intersection(self.terms)
+        if leans and not (self.preview_by_time and self.preview_count >= 3):
+            raise ValueError(f"layout {self.name!r}: {leans.pop()} needs a preview by time of at least 3 points")
 
     @property
     def races(self) -> bool:
@@ -702,6 +724,11 @@ It leaves out what steering cannot depend on: absolute position, yaw and wheel a
 
 FINE_LAYOUT: Final = replace(LEAN_LAYOUT, name="fine", preview_interval=0.1, preview_count=25)
 """The same with a preview of 2.4 s every 0.1 s, which shows where a bend begins: 30 values of order one."""
+
+TURN_LAYOUT: Final = ObservationLayout(
+    "turn", (*_LATERAL, "preview_turn"), LEAN_LAYOUT.factors, preview_interval=0.05, preview_count=41
+)
+"""The lateral state and the bends of the next 2 s in each control period: 46 values of order one."""
 
 PAPER_RACE: Final = ObservationLayout(
     "paper_race",

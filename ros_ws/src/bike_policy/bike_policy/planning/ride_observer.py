@@ -212,7 +212,7 @@ class RideObserver:
         moved = look[:, _SHOWN[1]] - rows.look[:, _SHOWN[1]]
         circuit[:, _LEFT] -= moved[:, None]
         circuit[:, _RIGHT] += moved[:, None]
-        points, preview = rows.points, rows.preview_y
+        points, preview = rows.points, rows.preview_xy
         if old.any():
             points, preview = points.copy(), preview.copy()
             table = self._lines.plans
@@ -224,8 +224,8 @@ class RideObserver:
                 points[row, :, :, 0], points[row, :, :, 1] = cos * x + sin * y, cos * y - sin * x
                 passed = (look[row, _SHOWN[0]] - rows.look[row, _SHOWN[0]]) / max(look[row, _SPACING], 1e-3)
                 points[row] = _further(points[row], passed)
-                if preview.shape[1] == points.shape[2]:
-                    preview[row] = points[row, 0, :, 1]
+                if preview.shape[2] == points.shape[2]:
+                    preview[row] = points[row, 0, :, :2].T
         return Rows(state, look, preview, rows.signals, circuit, points, rows.fallen, rows.opponents)
 
 

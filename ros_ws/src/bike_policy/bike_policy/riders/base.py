@@ -104,7 +104,7 @@ class LearnedRider:
         self.preview = Preview(layout.preview_by_time, layout.preview_interval, layout.preview_count)
         self._picked: slice | np.ndarray = slice(None)
         self._max_steer = 1.0
-        blank = Rows.of_path(np.zeros((1, 10)), np.zeros((1, 12)), np.zeros((1, layout.preview_count)))
+        blank = Rows.of_path(np.zeros((1, 10)), np.zeros((1, 12)), np.zeros((1, 2, layout.preview_count)))
         bundle.actor.act(layout.observe(blank)[0])
 
     def begin(self, vehicle: Vehicle, course: Course, period: float, preview: Preview) -> None:
@@ -117,7 +117,7 @@ class LearnedRider:
     def command(self, snapshot: Snapshot) -> tuple[float, float] | None:
         """Return the actor's command; None where the observation is not finite."""
         rows, bundle = rows_of(snapshot), self.bundle
-        seen = bundle.layout.observe(rows._replace(preview_y=rows.preview_y[:, self._picked]))[0]
+        seen = bundle.layout.observe(rows._replace(preview_xy=rows.preview_xy[:, :, self._picked]))[0]
         if not np.isfinite(seen).all():
             return None
         self.seen = seen

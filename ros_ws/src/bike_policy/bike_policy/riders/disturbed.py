@@ -121,7 +121,8 @@ class DisturbedRider:
             snapshot,
             state=shown.state[0],
             look=shown.look[0],
-            preview_y=shown.preview_y[0],
+            preview_x=shown.preview_xy[0, 0],
+            preview_y=shown.preview_xy[0, 1],
             signals=shown.signals[0],
             circuit=circuit,
         )

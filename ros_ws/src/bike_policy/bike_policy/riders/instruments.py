@@ -254,7 +254,7 @@ class Instruments:
         for row in fresh:
             if self._errs[row]:
                 errors = self._errors(row, int(self._age[row]))
-                arrays = now.state[row], now.look[row], now.preview_y[row], now.signals[row], now.circuit[row]
+                arrays = now.state[row], now.look[row], now.preview_xy[row], now.signals[row], now.circuit[row]
                 _err(errors, float(self._radius[row]), *arrays, now.points[row])
             if self._hidden[row]:
                 now.signals[row, _TYRE_SIGNALS] = np.nan
@@ -266,7 +266,7 @@ class Instruments:
             else:
                 now.state[row, _FIXED_STATE] = fix.state[row, _FIXED_STATE]
                 now.look[row, _FIXED_LOOK] = fix.look[row, _FIXED_LOOK]
-                for name in ("preview_y", "circuit", "points"):
+                for name in ("preview_xy", "circuit", "points"):
                     getattr(now, name)[row] = getattr(fix, name)[row]
         self._pass(np.array(fresh))
 
@@ -311,9 +311,9 @@ def _err(
         for k in range(points.shape[1]):
             x, y = points[line, k, 0] - aside_x, points[line, k, 1] - aside_y
             points[line, k, 0], points[line, k, 1] = cos * x + sin * y, cos * y - sin * x
-    if preview.shape[0] == points.shape[1]:
-        for k in range(preview.shape[0]):
-            preview[k] = points[0, k, 1]
+    if preview.shape[1] == points.shape[1]:
+        for k in range(preview.shape[1]):
+            preview[0, k], preview[1, k] = points[0, k, 0], points[0, k, 1]
     look[_L_LATERAL] += lateral
     look[_L_HEADING] += heading
     look[_L_PROGRESS] += along

@@ -204,14 +204,9 @@ class Batch:
         return tuple(plant.vehicle for plant in self._plants)
 
     @property
-    def preview_x(self) -> FloatArray:
-        """Distances of the preview points ahead, m, shape (n, points)."""
-        return self.rows.preview[:, 0]
-
-    @property
-    def preview_y(self) -> FloatArray:
-        """Lateral offsets of the preview points, m, shape (n, points)."""
-        return self.rows.preview[:, 1]
+    def preview_xy(self) -> FloatArray:
+        """Preview points in base_footprint, m, shape (n, 2, points)."""
+        return self.rows.preview
 
     @property
     def on_circuit(self) -> NDArray[np.bool_]:
