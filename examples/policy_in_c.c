@@ -9,8 +9,9 @@
 int main(void) {
   /* Upright at 4 m/s on a straight line that lies 0.3 m to the left; rolling wheels of radius 0.35 m. */
   bike_whipple_inputs in = {.front_wheel_rate = 4.0f / 0.35f};
-  for (int k = 0; k < 41; ++k) {
-    in.preview_x[k] = 4.0f * 0.05f * k;
+  const int points = (int)(sizeof in.preview_y / sizeof *in.preview_y);
+  for (int k = 0; k < points; ++k) {
+    in.preview_x[k] = 0.2f * (float)k;
     in.preview_y[k] = 0.3f;
   }
   float command[BIKE_WHIPPLE_ACTION];
