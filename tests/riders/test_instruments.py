@@ -151,7 +151,7 @@ def test_rides_go_on_from_where_they_were_stored() -> None:
         np.testing.assert_array_equal(*(each.acting(each.shown(rows).state[:, :2]) for each in (first, other)))
 
 
-SHAPES = [(len(WORLDS), *shape) for shape in ((10,), (12,), (20,), (49,), (8,), (3, 20, 3))]
+SHAPES = [(len(WORLDS), *shape) for shape in ((10,), (12,), (2, 20), (49,), (8,), (3, 20, 3))]
 
 
 def test_a_snapshot_that_was_missed_shifts_nothing() -> None:
