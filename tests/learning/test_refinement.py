@@ -94,7 +94,7 @@ def test_slopes_are_those_of_the_engine_and_of_what_is_seen() -> None:
         error = batch.look[1, lk.LATERAL_ERROR] - batch.look[0, lk.LATERAL_ERROR]
         assert error == pytest.approx(away[0] * math.cos(batch.look[0, lk.HEADING_ERROR]), abs=1e-3 * far)
         seen = TASK.layout.observe(batch)
-        told = sight.slopes(batch.preview_x)[0] @ away
+        told = sight.slopes(batch.preview_xy[:, 0])[0] @ away
         # Observations have single precision; 25 points 0.1 s apart make second differences of their last digit.
         np.testing.assert_allclose(told, (seen[1] - seen[0]).astype(float), atol=0.04 * far + 3e-6)
     batch.close()
