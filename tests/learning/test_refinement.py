@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from bike_policy.contract.bundle import Actor, load_bundle
-from bike_policy.contract.observation import FINE_LAYOUT, PROP_LAYOUT
+from bike_policy.contract.observation import FINE_LAYOUT, PROP_LAYOUT, TURN_LAYOUT
 from bike_sim.physics import state as st
 from bike_sim.physics.bicycle.whipple import WhippleEngine
 from bike_sim.sim import look as lk
@@ -134,6 +134,11 @@ def test_pushed_rides_count_in_a_comparison() -> None:
 def test_layouts_that_show_the_map_are_refused() -> None:
     with pytest.raises(ValueError, match=r"prop.*yaw_cos.*no slopes"):
         ObservationJacobian(PROP_LAYOUT)
+
+
+def test_previews_that_are_not_linear_in_their_points_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"turn.*preview_turn.*no slopes"):
+        ObservationJacobian(TURN_LAYOUT)
 
 
 def ridden(weights: Weights, actor: MirrorSymmetricActor) -> Segment:

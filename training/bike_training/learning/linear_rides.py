@@ -133,10 +133,10 @@ class ObservationJacobian:
         """Take a layout.
 
         Raises:
-            ValueError: it shows where in the map the bicycle is.
+            ValueError: it shows where in the map the bicycle is, or a preview that is not linear in its points.
         """
-        known = {*INNER, "front_wheel_rate", "speed"}
-        shown = set(layout.terms).difference(("preview_points", "preview_lean"))
+        known = {*INNER, "front_wheel_rate", "speed", "preview_points", "preview_lean"}
+        shown = set(layout.terms)
         if not shown <= known:
             raise ValueError(f"layout {layout.name!r} shows {sorted(shown - known)}, which have no slopes")
         self._size, self._first = layout.size, layout.size - layout.preview_count

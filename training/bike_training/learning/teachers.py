@@ -49,8 +49,9 @@ class Teacher(ABC):
         noise: standard deviation of what is added to each action of half of the rows, so that the actor sees how to
             come back.
         noise_memory: part of the noise that the next decision keeps.
-        weights: of each action's cost of an error, its square.
-        small: error of an action from which on the cost grows with the error itself: few large ones hide many small.
+        weights: of the cost of an error of each action.
+        small: the cost is the square of errors below it and in proportion to those above, so that few large ones do
+            not hide many small ones; squares throughout where it is infinite.
     """
 
     noise: tuple[float, ...]
@@ -111,8 +112,11 @@ class PathTeacher(Teacher):
         for row, riders in enumerate(self._riders):
             look, state = self._batch.look[row], self._batch.state[row]
             if np.isfinite(look.sum() + state.sum()):
-                answers = [rider.steering(look, state) for rider in riders]
-                found[row] = np.interp(abs(look[LATERAL_ERROR]), ASIDE, answers)
+                aside = abs(look[LATERAL_ERROR])
+                first = int(np.searchsorted(ASIDE[1:-1], aside, side="right"))
+                both = slice(first, first + 2)
+                answers = [rider.steering(look, state) for rider in riders[both]]
+                found[row] = np.interp(aside, ASIDE[both], answers)
         return np.clip(self._scale * found, -1.0, 1.0).astype(np.float32)
 
 

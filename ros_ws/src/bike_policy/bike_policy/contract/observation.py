@@ -116,7 +116,7 @@ _NO_CIRCUIT: Final = (np.zeros((1, 8)), np.zeros((1, 3, STATIONS, 3)))
 
 
 def rows_of(snapshot: Any) -> Rows:
-    """Return a snapshot (`bike_sim.sim.snapshot.Snapshot`) as one row; the arrays are the snapshot's own."""
+    """Return a snapshot (`bike_sim.sim.snapshot.Snapshot`) as one row; all arrays but the preview are its own."""
     circuit = snapshot.circuit
     limits, points = _NO_CIRCUIT if circuit is None else (circuit.limits[None], circuit.points[None])
     preview = np.stack((snapshot.preview_x, snapshot.preview_y))
