@@ -66,6 +66,11 @@ FAST_AND_SHARP: Final = RideRanges((5.5, 7.3), PathRanges(7.5, 14.0, 11.0, 14.0,
 SLOW_AND_SHARP: Final = RideRanges((1.8, 3.0), FAST_AND_SHARP.paths)
 WIDE: Final = RideRanges((1.8, 7.3), PathRanges(8.0, 50.0, 20.0, 60.0, 1.0, 8.0))
 """Gentle bends as well, as those of circuits scaled down. Not from the paper."""
+TIGHT: Final = (
+    RideRanges((1.8, 3.5), PathRanges(2.5, 8.0, 8.0, 14.0, 1.0, 3.0)),
+    RideRanges((3.0, 5.5), PathRanges(4.0, 9.0, 10.0, 16.0, 1.0, 3.0)),
+)
+"""And hairpins as theirs. Not from the paper."""
 REFINEMENT: Final = RideRanges((1.8, 7.3), PathRanges(7.5, 14.0, 11.0, 22.0, 2.0, 8.0), (FAST_AND_SHARP,))
 """Optional rides after the curriculum. Not from the paper.
 
@@ -149,9 +154,9 @@ class PartsCurriculum(Curriculum):
         return replace(growing, also=stages[self.part - 1].also if self._settings.sharp else ())
 
     def imitated(self) -> RideRanges:
-        """Return the intervals that all parts lead to, and WIDE as often as each."""
+        """Return the intervals that all parts lead to, and WIDE and TIGHT as often as each."""
         last = self._stages()[-1]
-        return replace(last, also=(*last.also, WIDE))
+        return replace(last, also=(*last.also, WIDE, *TIGHT))
 
     def _stages(self) -> list[RideRanges]:
         """Return the intervals of each part, and those once the curriculum is finished."""

@@ -19,6 +19,7 @@ from bike_policy.contract.observation import LATERAL_ERROR, PROGRESS, Rows
 from bike_policy.planning.grip import AdaptiveLaw, GripMemory
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.riders.lqr import LqrRider, LqrSettings
+from bike_sim.sim.look import SPEED
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.tasks.base import BatchTaskState
@@ -40,6 +41,11 @@ LATERAL: Final = (16.0, 4.0, 1.0, 0.1)
 than 0.1, they lean beyond 45 degrees where a ride begins perturbed in a sharp bend from 5.5 m/s on, or after a push."""
 ASIDE: Final = (0.005, 0.02, 0.05, 0.15)
 """Distances from the line at which each of them rides alone, m."""
+HARD: Final = ((0.3, 0.5, 0.8), (0.0, 0.02, 0.15))
+"""Tangents of the lean that the line ahead asks for, and the distance from the line, m, as from which it is ridden at
+least: nearest to it, the first rider falls in hairpins of 3 m that a gentle one rides."""
+HARD_AHEAD: Final = 1.5
+"""Time for which it looks ahead for them, s."""
 
 
 class Teacher(ABC):
@@ -83,7 +89,7 @@ def teacher_of(env: BatchVecEnv) -> Teacher:
 
 
 class PathTeacher(Teacher):
-    """Linear-quadratic riders, which are told the path and the bicycle: the gentler the farther they are from it."""
+    """Linear-quadratic riders, told path and bicycle: the gentler the farther from it, and the sharper it bends."""
 
     noise: tuple[float, ...] = (0.02,)
     noise_memory = 0.9
@@ -99,6 +105,7 @@ class PathTeacher(Teacher):
             for rider, first in zip(riders, self._riders[0], strict=True):
                 rider.designs = first.designs
         self._preview = env.task.preview
+        self._ahead = round(HARD_AHEAD / env.batch.config.control_period)
 
     def begin(self, row: int, rng: np.random.Generator) -> None:
         """Begin a ride; see `Teacher`."""
@@ -112,7 +119,8 @@ class PathTeacher(Teacher):
         for row, riders in enumerate(self._riders):
             look, state = self._batch.look[row], self._batch.state[row]
             if np.isfinite(look.sum() + state.sum()):
-                aside = abs(look[LATERAL_ERROR])
+                bends = np.abs(riders[0].ahead(look, self._ahead)).max() * look[SPEED] ** 2 / self._batch.vehicle.g
+                aside = max(abs(look[LATERAL_ERROR]), np.interp(bends, *HARD))
                 first = int(np.searchsorted(ASIDE[1:-1], aside, side="right"))
                 both = slice(first, first + 2)
                 answers = [rider.steering(look, state) for rider in riders[both]]
