@@ -14,9 +14,12 @@ from safetensors.numpy import load_file
 from bike_policy.contract.bundle import Actor
 from bike_policy.planning.grip import AdaptiveLaw, GripMemory, GripPlans
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS, LinePlan, on_grip, plan_line
+from bike_policy.riders.lqr import LqrRider, LqrSettings
 from bike_sim.course.course import Course
+from bike_sim.course.random_courses import PathRanges
 from bike_sim.sim.batch import SUPERBIKE_ENGINE
 from bike_sim.vehicles.files import load_superbike
+from bike_training.curricula.parts import RideRanges
 from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.learning import imitation
 from bike_training.learning.imitation import Imitation
@@ -24,7 +27,8 @@ from bike_training.learning.presets import Preset, load_preset
 from bike_training.learning.process import LearningProcess, make_environment
 from bike_training.learning.process import imitate as imitate_first
 from bike_training.learning.run_settings import IMITATED, RunSettings
-from bike_training.learning.teachers import told_grip
+from bike_training.learning.teachers import LATERAL, teacher_of, told_grip
+from bike_training.tasks.path import PathTask
 from bike_training.tasks.race import RaceState
 
 VEHICLE = "panigale_v4r"
@@ -194,6 +198,34 @@ def test_while_it_learns_an_actor_sees_the_plan_that_its_teacher_rides_by(preset
 def slower_plan(line: Course) -> LinePlan:
     """A plan of two thirds of the grip."""
     return plan_line(on_grip(load_superbike(VEHICLE), 0.67), line, CLASSICAL_SETTINGS)
+
+
+@pytest.mark.parametrize(
+    ("ranges", "lateral"),
+    [
+        (RideRanges((2.0, 2.0), PathRanges(50.0, 50.0, 60.0, 60.0, 1.0, 1.0), perturb=False), max(LATERAL)),
+        (RideRanges((7.0, 7.0), PathRanges(3.0, 3.0, 6.0, 6.0, 4.0, 4.0), perturb=False), min(LATERAL)),
+    ],
+)
+def test_the_teacher_of_paths_is_stiff_where_it_is_straight_and_gentle_where_it_bends(
+    bicycle: Preset, ranges: RideRanges, lateral: float
+) -> None:
+    own = RunSettings(bicycle, "whipple")
+    with closing(make_environment(own, own.preset.task, ranges)) as env:
+        assert isinstance(env, BatchVecEnv)
+        assert isinstance(env.task, PathTask)
+        env.reset()
+        teacher, batch = teacher_of(env), env.batch
+        rider, compared = LqrRider(LqrSettings(lateral=lateral)), 0
+        for row in range(batch.count):
+            teacher.begin(row, np.random.default_rng(0))
+        taught = teacher.actions()[:, 0] * env.task.max_steer / batch.vehicle.max_steer
+        for row in range(batch.count):
+            rider.begin(batch.vehicle, batch.course(row), batch.config.control_period, env.task.preview)
+            if rider.ahead(batch.look[row], 20).any():
+                assert taught[row] == pytest.approx(rider.steering(batch.look[row], batch.state[row]), abs=1e-6)
+                compared += 1
+        assert compared > 0
 
 
 def test_the_teacher_rides_on_no_more_grip_than_there_is_and_than_can_be_known() -> None:
