@@ -204,7 +204,7 @@ def slower_plan(line: Course) -> LinePlan:
     ("ranges", "lateral"),
     [
         (RideRanges((2.0, 2.0), PathRanges(50.0, 50.0, 60.0, 60.0, 1.0, 1.0), perturb=False), max(LATERAL)),
-        (RideRanges((7.0, 7.0), PathRanges(3.0, 3.0, 6.0, 6.0, 4.0, 4.0), perturb=False), min(LATERAL)),
+        (RideRanges((7.0, 7.0), PathRanges(3.0, 3.0, 6.0, 6.0, 4.0, 4.0), perturb=False), LATERAL[2]),
     ],
 )
 def test_the_teacher_of_paths_is_stiff_where_it_is_straight_and_gentle_where_it_bends(

@@ -41,9 +41,9 @@ LATERAL: Final = (16.0, 4.0, 1.0, 0.1)
 than 0.1, they lean beyond 45 degrees where a ride begins perturbed in a sharp bend from 5.5 m/s on, or after a push."""
 ASIDE: Final = (0.005, 0.02, 0.05, 0.15)
 """Distances from the line at which each of them rides alone, m."""
-HARD: Final = ((0.3, 0.5, 0.8), (0.0, 0.02, 0.15))
+HARD: Final = ((0.3, 0.5, 0.7), (0.0, 0.02, 0.05))
 """Tangents of the lean that the line ahead asks for, and the distance from the line, m, as from which it is ridden at
-least: nearest to it, the first rider falls in hairpins of 3 m that a gentle one rides."""
+least: nearest to it, the first rider falls in hairpins of 3 m that the third one rides."""
 HARD_AHEAD: Final = 1.5
 """Time for which it looks ahead for them, s."""
 
