@@ -70,7 +70,7 @@ TIGHT: Final = (
     RideRanges((1.8, 3.5), PathRanges(2.5, 8.0, 8.0, 14.0, 1.0, 3.0)),
     RideRanges((3.0, 5.5), PathRanges(4.0, 9.0, 10.0, 16.0, 1.0, 3.0)),
 )
-"""And hairpins as theirs. Not from the paper."""
+"""Hairpins as those of such circuits. Not from the paper."""
 REFINEMENT: Final = RideRanges((1.8, 7.3), PathRanges(7.5, 14.0, 11.0, 22.0, 2.0, 8.0), (FAST_AND_SHARP,))
 """Optional rides after the curriculum. Not from the paper.
 

@@ -15,11 +15,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bike_policy.contract.observation import LATERAL_ERROR, PROGRESS, Rows
+from bike_policy.contract.observation import LATERAL_ERROR, PROGRESS, SPEED, Rows
 from bike_policy.planning.grip import AdaptiveLaw, GripMemory
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
 from bike_policy.riders.lqr import LqrRider, LqrSettings
-from bike_sim.sim.look import SPEED
 from bike_sim.vehicles.superbike import Superbike
 from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.tasks.base import BatchTaskState
