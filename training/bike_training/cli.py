@@ -23,7 +23,7 @@ from bike_training.commands.declarations import COMMANDS, NEED_ROS, CommandParse
 from bike_training.envs.node_process import NodeLost
 from bike_training.interruption import SHELL_BASE, interrupt, leave_at_once, signals_handled, signals_noted
 
-LOADS_LONG: Final = 1.5
+LOADS_LONG: Final = 1.0
 """Time after which a line tells that a command is being loaded, s."""
 LINEAR_ALGEBRA_THREADS: Final = "OPENBLAS_NUM_THREADS"
 """Variable of the environment with the number of threads of NumPy's matrix products."""
