@@ -66,9 +66,6 @@ FAST_AND_SHARP: Final = RideRanges((5.5, 7.3), PathRanges(7.5, 14.0, 11.0, 14.0,
 SLOW_AND_SHARP: Final = RideRanges((1.8, 3.0), FAST_AND_SHARP.paths)
 WIDE: Final = RideRanges((1.8, 7.3), PathRanges(8.0, 50.0, 20.0, 60.0, 1.0, 8.0))
 """Gentle bends as well, as those of circuits scaled down. Not from the paper."""
-SLOWER: Final = RideRanges((1.4, 2.1), PathRanges(5.0, 50.0, 11.0, 60.0, 1.0, 8.0))
-FASTER: Final = RideRanges((7.0, 9.2), PathRanges(18.0, 80.0, 25.0, 80.0, 1.0, 8.0))
-"""Speeds beyond those of the curriculum. Not from the paper."""
 TIGHT: Final = (
     RideRanges((1.8, 3.5), PathRanges(2.5, 8.0, 8.0, 14.0, 1.0, 3.0)),
     RideRanges((3.0, 5.5), PathRanges(4.0, 9.0, 10.0, 16.0, 1.0, 3.0)),
@@ -157,9 +154,9 @@ class PartsCurriculum(Curriculum):
         return replace(growing, also=stages[self.part - 1].also if self._settings.sharp else ())
 
     def imitated(self) -> RideRanges:
-        """Return the intervals that all parts lead to, and as often as each WIDE, SLOWER, FASTER and TIGHT."""
+        """Return the intervals that all parts lead to, and WIDE and TIGHT as often as each."""
         last = self._stages()[-1]
-        return replace(last, also=(*last.also, WIDE, SLOWER, FASTER, *TIGHT))
+        return replace(last, also=(*last.also, WIDE, *TIGHT))
 
     def _stages(self) -> list[RideRanges]:
         """Return the intervals of each part, and those once the curriculum is finished."""
