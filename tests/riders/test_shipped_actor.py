@@ -32,8 +32,7 @@ def ridden(name: str, speed: float, course: str = "benchmark") -> RideResult:
     ("name", "speed", "mean", "largest"),
     [
         *((EXACT, speed, MEAN, LARGEST) for speed in (2.0, 4.5, 7.0)),
-        *((DEFAULT_POLICY, speed, MEAN, LARGEST) for speed in (1.5, 4.5)),
-        (DEFAULT_POLICY, 7.0, MEAN, 0.2),  # its teacher is gentle far from the path
+        *((DEFAULT_POLICY, speed, MEAN, LARGEST) for speed in (1.5, 4.5, 7.0)),
         (DEFAULT_POLICY, 9.0, 0.1, 1.0),  # beyond what it learned by reward
         *(("lqr", speed, 0.05, math.inf) for speed in (2.0, 7.0)),
         *(("stanley", speed, math.inf, most) for speed, most in ((2.0, 0.3), (4.0, 1.0))),  # without preview
@@ -55,10 +54,9 @@ def test_a_course_that_ends_elsewhere_is_evaluated_up_to_its_finish() -> None:
     assert ride.figures()["max_m"] < 0.2
 
 
-def test_at_7_m_s_they_stay_closer_to_the_path_than_the_lqr() -> None:
-    actor, exact, lqr = (ridden(name, 7.0).figures() for name in (DEFAULT_POLICY, EXACT, "lqr"))
-    assert actor["mean_m"] < 0.8 * lqr["mean_m"]
-    assert exact["max_m"] < 0.8 * lqr["max_m"]
+@pytest.mark.parametrize(("name", "figure"), [(DEFAULT_POLICY, "mean_m"), (EXACT, "max_m")])
+def test_at_7_m_s_they_stay_closer_to_the_path_than_the_lqr(name: str, figure: str) -> None:
+    assert ridden(name, 7.0).figures()[figure] < 0.9 * ridden("lqr", 7.0).figures()[figure]
 
 
 @pytest.mark.parametrize("seed", [100, 1100, 2100])
