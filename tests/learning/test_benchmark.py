@@ -200,9 +200,9 @@ def test_other_recordings_give_other_scores(results: Path) -> None:
 
 
 def test_a_policy_of_the_tasks_own_observations_is_scored_as_its_rider() -> None:
-    benchmark, bundle = replace(benchmark_of(PUSHES), count=8), load_bundle("whipple")
+    benchmark, bundle = replace(benchmark_of(PUSHES), count=8), load_bundle("whipple_exact")
     errors = [e["error"] for e in errors_of(benchmark, record_actions(benchmark, bundle.actor.act_batch))]
-    ridden = [e["error"] for e in errors_of(benchmark, record_rider(benchmark, "whipple"))]
+    ridden = [e["error"] for e in errors_of(benchmark, record_rider(benchmark, "whipple_exact"))]
     np.testing.assert_allclose(errors, ridden, atol=0.01)  # its card holds the set point within limits by speed
     assert np.isclose(errors, ridden, atol=1e-5).any()  # where these are not reached
 

@@ -119,7 +119,7 @@ def test_the_shipped_bicycle_is_steered_by_its_header() -> None:
             library.answer(np.array([[*rows, *snapshot.preview_x, *snapshot.preview_y]]), 1)[0, 0]
             / simulator.vehicle.max_steer
         )
-        assert answer == pytest.approx(rider.command(snapshot)[0], abs=2e-5)
+        assert answer == pytest.approx(rider.command(snapshot)[0], abs=5e-5)  # single precision of the bends ahead
         snapshot = simulator.step(float(answer), 0.0)
     assert abs(snapshot.distance) < 0.1
 

@@ -114,7 +114,7 @@ def test_a_push_leaves_what_the_disturbance_leaves() -> None:
 
 
 def test_pushed_rides_count_in_a_comparison() -> None:
-    process = GradientLearning(run_of(replace(SMALL, impulse=60.0), "whipple"))
+    process = GradientLearning(run_of(replace(SMALL, impulse=60.0), "whipple_exact"))
     hit: list[int] = []
 
     def strike(batch: object, row: int, impulse: float) -> None:

@@ -287,7 +287,7 @@ def test_what_cannot_be_is_refused() -> None:
         Batch(2, SimulatorConfig(), vehicles=["whipple", "r1"])
     batch = Batch(2, BICYCLES)
     batch.reset(0, ResetRequest(course="line"))
-    with pytest.raises(ValueError, match="all rows see 25 points ahead, not 5"):
+    with pytest.raises(ValueError, match="all rows see 49 points ahead, not 5"):
         batch.reset(1, ResetRequest(course="line", preview=PREVIEW))
     for commands in (np.zeros((1, 2)), np.full((2, 2), 1.1), np.full((2, 2), np.nan)):
         with pytest.raises(ValueError, match=r"commands must be 2 pairs in \[-1, 1\]"):

@@ -58,8 +58,8 @@ class Preview:
     """
 
     by_time: bool = True
-    interval: float = 0.1
-    count: int = 25
+    interval: float = 0.05
+    count: int = 49
 
     def __post_init__(self) -> None:
         """Refuse intervals that are not positive and counts outside 1 to 1000."""
