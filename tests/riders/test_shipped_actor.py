@@ -54,9 +54,10 @@ def test_a_course_that_ends_elsewhere_is_evaluated_up_to_its_finish() -> None:
     assert ride.figures()["max_m"] < 0.2
 
 
-@pytest.mark.parametrize(("name", "figure"), [(DEFAULT_POLICY, "mean_m"), (EXACT, "max_m")])
-def test_at_7_m_s_they_stay_closer_to_the_path_than_the_lqr(name: str, figure: str) -> None:
-    assert ridden(name, 7.0).figures()[figure] < 0.9 * ridden("lqr", 7.0).figures()[figure]
+def test_at_7_m_s_they_stay_closer_to_the_path_than_the_lqr() -> None:
+    actor, exact, lqr = (ridden(name, 7.0).figures() for name in (DEFAULT_POLICY, EXACT, "lqr"))
+    assert actor["mean_m"] < 0.8 * lqr["mean_m"]
+    assert exact["max_m"] < 0.8 * lqr["max_m"]
 
 
 @pytest.mark.parametrize("seed", [100, 1100, 2100])
