@@ -92,10 +92,14 @@ class Witness(node_tools.GuestNode):
         found = ({entry.key: entry.value for entry in status.values} for status in reversed(self.reports))
         return next((figures for figures in found if str(file) in figures["file"]), {})
 
+    def reported(self, node: str) -> dict[str, str]:
+        """Return a node's last report, empty where it has not reported yet."""
+        latest = self.statuses.get(node, [DiagnosticStatus()])[-1]
+        return {entry.key: entry.value for entry in latest.values}
+
     def count(self, node: str, name: str) -> int:
         """Return what a node last reported to have counted, 0 where it has not reported yet."""
-        latest = self.statuses.get(node, [DiagnosticStatus()])[-1]
-        return int({entry.key: entry.value for entry in latest.values}.get(name, "0"))
+        return int(self.reported(node).get(name, "0"))
 
     def records(self, *topics: str, file: Path | str = "") -> bool:
         """Whether a recorder has written messages of topics; what is sent from now on reaches it, too."""

@@ -73,7 +73,7 @@ def test_the_nodes_ride_as_the_policy_rides_in_process(ros, policy) -> None:
             assert (same.x, same.y, same.roll, same.steer) == tuple(snapshot.state[[0, 1, 3, 4]])
     assert len(heard) > 0.8 * STEPS
     probe.until(lambda: probe.count("drive", "states_answered") >= STEPS)
-    latest = {entry.key: entry.value for entry in probe.statuses["drive"][-1].values}
+    latest = probe.reported("drive")
     assert 0.0 < float(latest["latency_median_ms"]) <= float(latest["latency_p99_ms"])
     driver.end()
     assert f"'{policy}' is driving episode 1" in driver.words

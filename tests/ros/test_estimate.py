@@ -27,7 +27,7 @@ def test_the_policy_rides_on_estimates_as_on_states(ros, policy) -> None:
     assert abs(probe.states[-1].lateral_error) < 0.1
 
     def bias() -> float:
-        return next(float(e.value) for e in probe.statuses["estimate"][-1].values if e.key == "gyro_bias_z_rad_s")
+        return float(probe.reported("estimate").get("gyro_bias_z_rad_s", "nan"))
 
     probe.until(lambda: bias() == pytest.approx(0.005, abs=1e-3))  # reports are by the wall clock, rides are not
     for node in (driver, estimate):

@@ -50,4 +50,4 @@ def test_simulators_beside_each_other_do_not_touch_and_rivals_are_named(ros, oth
     second = ros.simulator(namespace="right", publish_clock=False)
     sentence = "another simulator, or one that was killed just now, publishes /right/state: give each its own namespace"
     probes[0].until(lambda: all(sentence in program.words for program in (programs[1], second)))
-    probes[0].until(lambda: any(status.message == sentence for status in probes[0].statuses["right/sim_node"]))
+    probes[0].until(lambda: any(status.message == sentence for status in probes[0].statuses.get("right/sim_node", [])))
