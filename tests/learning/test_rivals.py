@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,14 +16,17 @@ from bike_training.curricula.base import EndedEpisode
 from bike_training.curricula.race import CircuitSet
 from bike_training.curricula.rivals import RivalsCurriculum, RivalsSettings, SpdlRivalsSettings
 from bike_training.envs.race_vec_env import RaceVecEnv
+from bike_training.learning import imitation
 from bike_training.learning.presets import load_preset
-from bike_training.learning.process import LearningProcess, make_environment
-from bike_training.learning.run_settings import RunSettings, settings_of
+from bike_training.learning.process import LearningProcess, imitate, make_environment
+from bike_training.learning.run_settings import IMITATED, RunSettings, settings_of
+from bike_training.learning.teachers import LANE, teacher_of
 from bike_training.tasks.race import RaceContext, places
 
 PRESET = load_preset("race_wheel_to_wheel")
 SMALL = {
-    "learner": "sb3", "learner.layers": "16,16", "learner.environments": "4", "learner.updates": "1",
+    "learner.anchor": "0", "learner.critic_steps": "0", "learner.rounds": "0",
+    "learner.learner": "sb3", "learner.layers": "16,16", "learner.environments": "4", "learner.updates": "1",
     "learner.batch_size": "32", "learner.learning_starts": "8", "curriculum.rivals": "1", "curriculum.learners": "2",
 }  # fmt: skip
 
@@ -41,6 +45,11 @@ def settings(oval: str) -> RunSettings:
 
 @pytest.fixture
 def env(settings: RunSettings) -> RaceVecEnv:
+    return race_of(settings)
+
+
+def race_of(settings: RunSettings) -> RaceVecEnv:
+    """Return the races of a run."""
     curriculum = settings.preset.curriculum.make([load_vehicle("panigale_v4r")])
     made = make_environment(settings, settings.preset.task, curriculum.episodes(0))
     assert isinstance(made, RaceVecEnv)
@@ -131,6 +140,43 @@ def test_races_side_by_side_do_not_meet_and_end_together(env: RaceVecEnv) -> Non
         assert not ended[2:].any()
         assert infos[0]["TimeLimit.truncated"]
         assert env.steps.tolist()[:2] == [0, 0]
+
+
+def test_the_teacher_holds_the_lane_of_the_grid_up_to_the_corner(settings: RunSettings) -> None:
+    """Ridden from the grid at the most pace, its targets stay where a machine begins until shortly before a turn-in."""
+    grid = replace(settings, preset=settings.preset.changed({"curriculum.grid": "1.0"}))
+    with closing(race_of(grid)) as env:
+        env.seed(1)
+        env.reset()
+        teacher, interfaces = teacher_of(env), [part.state.interface for part, _ in env.rides.each(env.batch)]
+        begun = np.concatenate([interface.offsets for interface in interfaces])
+        apart = np.abs(begun) > LANE
+        assert apart.any()
+        held, left = np.zeros(len(begun)), np.zeros(len(begun), dtype=np.bool_)
+        for step in range(700):
+            actions = teacher.actions()
+            left |= actions[:, 0] == 0.0
+            assert (actions[apart & ~left, 1] == 1.0).all()
+            if step % env.task.repeat == 0:
+                env.rides.act(env.batch, actions)
+            env.batch.step(env.commands())
+            env.rides.advance(env.batch)
+            asked = np.concatenate([interface.offsets for interface in interfaces])
+            held = np.where(left, held, np.abs(asked - begun))
+        assert (held[apart] < 2.0).all()
+        assert left.all()
+
+
+@pytest.mark.slow
+def test_races_are_imitated(settings: RunSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rounds of rides among rivals, and an actor that answers more as the teacher does."""
+    monkeypatch.setattr(imitation, "DURATION", 2.0)
+    monkeypatch.setattr(imitation, "UPDATES", 60)
+    small = {"learner.learner": "sbx", "learner.rounds": "3", "task.max_steps": "5"}
+    own, losses = replace(settings, preset=settings.preset.changed(small)), []
+    imitate(own, tmp_path, lambda rounds: losses.append(rounds.loss))
+    assert losses[-1] < 0.5 * losses[0]
+    assert (tmp_path / IMITATED).is_file()
 
 
 def test_the_ordinary_run_learns(settings: RunSettings, tmp_path: Path) -> None:

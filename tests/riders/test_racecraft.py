@@ -9,7 +9,7 @@ import pytest
 
 from bike_policy.planning import racecraft as rc
 from bike_policy.planning.lap_plan import P_CURVATURE, P_LEFT, P_LONGITUDINAL, P_RIGHT, P_SPEED, PLAN
-from bike_policy.planning.line_law import LATERAL_ERROR, PROGRESS, SEEN, SPEED
+from bike_policy.planning.line_law import LATERAL_ERROR, PROGRESS, SEEN, SPEED, slower_inside
 from bike_sim.schema import OPPONENT, OPPONENT_SLOTS
 
 PERIOD, RATE = 0.02, 1.6
@@ -211,6 +211,41 @@ def test_a_policy_that_is_astray_before_a_corner_is_slowed() -> None:
     far = Rider(400.0)
     far.asked[0], far.aside = 1.0, -1.5
     assert far.targets((1.0, 0.02)) == (1.0, 0.02)
+
+
+@pytest.mark.parametrize("offset", [1.0, 1e-9, 0.0, -1.0])
+def test_a_policy_inside_its_corner_loses_the_pace_that_it_costs(offset: float) -> None:
+    """It turns in 45 m less the distance; next to nothing where that is next to nothing."""
+    observed, targets = np.zeros((1, SEEN)), np.array([[offset, 0.08]])
+    observed[0, [SPEED, PROGRESS]] = SLOW, STRAIGHT + 20.0
+    slower_inside(observed, targets, 0.03, plan_of())
+    assert targets[0, 1] == (pytest.approx(0.03 - 0.5 * offset / 45.0) if offset > 0.0 else 0.08)
+
+
+@pytest.mark.parametrize("slower", [1.0, 0.95])
+def test_a_policy_that_asks_for_the_most_does_not_need_to_brake_harder_than_planned(slower: float) -> None:
+    """It has closed up when the corner comes, and not before: on the brake there is little left."""
+    rider, leader, pace, gaps, braking = Rider(400.0), 425.0, 0.0, [], 0.0
+    while leader < STRAIGHT + 100.0:
+        _, wanted = rider.targets((0.0, 0.03), ahead_1=(leader - rider.s, 0.0, slower * planned(leader)))
+        pace += PERIOD / 0.3 * (wanted - pace)
+        before, rider.speed = rider.speed, (1.0 + pace) * planned(rider.s)
+        braking = max(braking, (before - rider.speed) / PERIOD)
+        rider.s, leader = rider.s + PERIOD * rider.speed, leader + PERIOD * slower * planned(leader)
+        gaps.append(leader - rider.s - rc.MACHINE)
+    assert min(gaps) > 0.5 * rc.MACHINE
+    assert gaps[-1] < 6.0
+    assert braking < 1.1 * BRAKES
+
+
+def test_before_the_brakes_a_policy_follows_also_who_may_come_over() -> None:
+    """Within the clearance; on an open straight it rides past at less, and in a corner behind all who are ahead."""
+    other = (6.0, 1.4, 0.9 * FAST)
+    for s, apart, follows in ((400.0, 1.4, False), (BRAKING_AT - 30.0, 1.4, True), (BRAKING_AT - 30.0, 2.0, False),
+                              (STRAIGHT + 20.0, 2.0, True)):  # fmt: skip
+        rider = Rider(s, planned(s))
+        _, pace = rider.targets((0.0, 0.03), ahead_1=(other[0], apart, 0.9 * planned(s + other[0])))
+        assert (pace < -0.05) == follows
 
 
 @pytest.mark.parametrize(("s", "rate"), [(400.0, RATE), (STRAIGHT + 20.0, rc.CORNER_RATE)])

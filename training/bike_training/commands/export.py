@@ -41,11 +41,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             print(f"there is no {wanted!r} actor yet, so this is the last one", file=sys.stderr)
             actor, which, step = chosen_actor(checkpoint.run["progress"], "last", summary["steps"])
     imitated = args.run / IMITATED
-    if actor is None and args.which is None and imitated.is_file():
-        print("learning has not begun, so it is the imitating one", file=sys.stderr)
+    if imitated.is_file() and (args.which == "imitated" or (actor is None and args.which is None)):
+        print("this is the actor with which learning begins", file=sys.stderr)
         actor, which, step = Actor.from_tensors(load_file(imitated)), "imitated", 0
+    elif args.which == "imitated":
+        actor, which = None, "imitated"
     if actor is None:
-        advice = "" if which == "last" else ", or export --which last"
+        advice = "" if which in ("last", "imitated") else ", or export --which last"
         raise ValueError(f"{args.run}: there is no {which!r} actor yet; train longer{advice}")
     if args.symmetric:
         actor = _odd_part(actor, preset.deployed_layout)

@@ -97,6 +97,10 @@ class RivalsCurriculum(RaceCurriculum):
         """Begin with the weakest rivals."""
         super().__init__(circuits, settings or RivalsSettings())
 
+    def imitated(self) -> RivalsCurriculum:
+        """Return itself, in its last stage."""
+        return self.episodes(self.settings.stage * len(self.settings.strengths))
+
     def may_validate(self, step: int) -> bool:
         """Return that no validation is ridden."""
         return False

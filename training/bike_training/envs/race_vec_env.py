@@ -26,7 +26,7 @@ from bike_training.tasks.race import RaceContext, RaceState, RaceTask, places
 FloatArray = NDArray[np.float64]
 
 
-class _Part(NamedTuple):
+class Part(NamedTuple):
     """Learners on machines of one kind.
 
     Attributes:
@@ -64,13 +64,13 @@ class LearnersState:
         races = batch.count // machines
         self.rows = np.array([race * machines + k for race in range(races) for k in range(learners)])
         names = [batch.vehicles[row].name for row in self.rows]
-        self._parts: list[_Part] = []
+        self._parts: list[Part] = []
         for name in dict.fromkeys(names):
             envs = np.flatnonzero([other == name for other in names])
             vehicle = batch.vehicles[self.rows[envs[0]]]
             assert isinstance(vehicle, Superbike), "the task has refused others"
             state = task.make_state(len(envs), vehicle, lambda line, vehicle=vehicle: unverified_plan(vehicle, line))  # type: ignore[misc]
-            self._parts.append(_Part(state, envs, self.rows[envs]))
+            self._parts.append(Part(state, envs, self.rows[envs]))
         self._period = batch.config.control_period
         self._stewards = [Stewards() for _ in range(races)]
         self._times = np.zeros(races)
@@ -96,13 +96,14 @@ class LearnersState:
         ahead[:, own, own] = np.nan
         return places(ahead.reshape(-1, self._machines))
 
-    def _each(self, batch: Batch) -> list[tuple[_Part, Rows]]:
+    def each(self, batch: Batch) -> list[tuple[Part, Rows]]:
+        """Return the learners on each kind of machine, and their rows."""
         return [(part, part.of(batch)) for part in self._parts]
 
     def observe(self, batch: Batch) -> NDArray[np.float32]:
         """Return the observations of all learners."""
         found: NDArray[np.float32] | None = None
-        for part, rows in self._each(batch):
+        for part, rows in self.each(batch):
             seen = part.state.observe(rows)
             found = np.empty((len(self.rows), seen.shape[1]), dtype=np.float32) if found is None else found
             found[part.envs] = seen
@@ -112,17 +113,17 @@ class LearnersState:
     def act(self, batch: Batch, actions: NDArray[np.floating]) -> None:
         """Begin a decision."""
         self._met[:] = 0.0
-        for part, rows in self._each(batch):
+        for part, rows in self.each(batch):
             part.state.act(rows, actions[part.envs])
 
     def commands(self, batch: Batch, commands: FloatArray) -> None:
         """Write the commands of the learners in a control period between those of the others."""
-        for part, rows in self._each(batch):
+        for part, rows in self.each(batch):
             commands[part.rows] = np.nan_to_num(part.state.commands(rows))
 
     def advance(self, batch: Batch) -> None:
         """Add a control period."""
-        for part, rows in self._each(batch):
+        for part, rows in self.each(batch):
             part.state.advance(rows)
         self._times += self._period
         for values in batch.incidents[batch.incidents[:, 0] == tr.CONTACT].tolist():
@@ -141,7 +142,7 @@ class LearnersState:
         gained, self._places = standing - self._places, standing
         terms: dict[str, FloatArray] = {}
         failed = np.zeros(len(self.rows), dtype=np.bool_)
-        for part, rows in self._each(batch):
+        for part, rows in self.each(batch):
             contact, avoidable = self._met[:, part.envs]
             part.state.note(place=gained[part.envs], contact=contact, avoidable=avoidable)
             result = part.state.evaluate(rows)
@@ -207,7 +208,7 @@ class RaceVecEnv(BatchVecEnv):
             self.rides.begin(env, self.batch, requests[k])
             self._requests[env], self.steps[env], self.returns[env] = requests[k], 0, 0.0
 
-    def _commands(self) -> FloatArray:
+    def commands(self) -> FloatArray:
         """Return those of rivals, and between them those of learners."""
         commands = self._field.commands(self.batch, self._step)
         self.rides.commands(self.batch, commands)

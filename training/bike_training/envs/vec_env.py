@@ -171,7 +171,7 @@ class BatchVecEnv(VecEnv):
         """Step every vehicle; rides that ended have started again in the returned observations."""
         self.rides.act(self.batch, self._actions)
         for _ in range(self.task.repeat):
-            self.batch.step(self._commands())
+            self.batch.step(self.commands())
             self.rides.advance(self.batch)
         self.steps += 1
         terms, failed = self.rides.evaluate(self.batch)
@@ -193,7 +193,7 @@ class BatchVecEnv(VecEnv):
             observations = self.rides.observe(self.batch)
         return observations, rewards, ended, infos
 
-    def _commands(self) -> NDArray[np.float64]:
+    def commands(self) -> NDArray[np.float64]:
         """Return the commands of all vehicles of the batch in a control period."""
         return self.rides.commands(self.batch)
 
@@ -210,6 +210,12 @@ class BatchVecEnv(VecEnv):
                 self.returns[index] = 0.0
             else:
                 self.begin(index)
+
+    def begin_again(self, over: NDArray[np.bool_]) -> NDArray[np.intp]:
+        """Begin the rides that are over, and those that end with them; return which."""
+        ended = self._ended(over)
+        self._go_on(ended, np.ones_like(ended))
+        return np.flatnonzero(ended)
 
     def close(self) -> None:
         """Release the engines."""

@@ -81,7 +81,7 @@ class Imitation:
             seed: of all draws.
 
         Raises:
-            ValueError: the task is no race without a guide.
+            ValueError: a race with a guide, alone.
         """
         self._env, self._settings, self._seed = env, settings, seed
         self._teacher = teacher_of(env)
@@ -166,7 +166,7 @@ class Imitation:
         taught = np.less(rng.random(count), share)
         size = rng.random((count, 1)) * (rng.random((count, 1)) < 0.5)
         noise = np.zeros((count, len(teacher.noise)))
-        misled = Misled(task.layout, np.less(rng.random(count), MISLED)) if task.layout.races else None
+        misled = Misled(task.layout, np.less(rng.random(count), MISLED)) if teacher.misleads else None
         env.reset()
         for row in range(count):
             teacher.begin(row, rng)
@@ -184,16 +184,17 @@ class Imitation:
             noise = teacher.noise_memory * noise + rng.standard_normal(noise.shape) * teacher.noise
             rides.act(batch, np.clip(actions + size * noise, -1.0, 1.0).astype(np.float32))
             for _ in range(task.repeat):
-                batch.step(rides.commands(batch))
+                batch.step(env.commands())
                 rides.advance(batch)
                 shown_now = teacher.actions()
             failed = rides.evaluate(batch).failed
-            for row in np.flatnonzero(failed).tolist():
-                self.lost += 1
-                env.begin(row)
+            self.lost += int(failed.sum())
+            env.steps += 1
+            begun = env.begin_again(failed | (env.steps >= teacher.longest))
+            for row in begun.tolist():
                 teacher.begin(row, rng)
                 taught[row] = rng.random() < share
-            if failed.any():
+            if len(begun):
                 shown_now = teacher.actions()
         return {"seen": seen.reshape(-1, self._inputs), "shown": shown.reshape(-1, shown.shape[-1])}
 

@@ -18,8 +18,13 @@ from numpy.typing import NDArray
 from bike_policy.contract.observation import LATERAL_ERROR, PROGRESS, SPEED, Rows
 from bike_policy.planning.grip import AdaptiveLaw, GripMemory
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
+from bike_policy.planning.line_law import PROGRESS as PROGRESS_INPUT
+from bike_policy.planning.line_law import SPEED as SPEED_INPUT
+from bike_policy.planning.line_law import seen_of
+from bike_policy.planning.racecraft import road_ahead
 from bike_policy.riders.lqr import LqrRider, LqrSettings
 from bike_sim.vehicles.superbike import Superbike
+from bike_training.envs.race_vec_env import RaceVecEnv
 from bike_training.envs.vec_env import BatchVecEnv
 from bike_training.tasks.base import BatchTaskState
 from bike_training.tasks.path import PathTask
@@ -47,6 +52,14 @@ HARD_AHEAD: Final = 1.5
 """Time for which it looks ahead for them, s."""
 
 
+LANE: Final = 1.5
+"""Least distance from the line that is held as a lane, m."""
+MERGE: Final = 1.5
+"""Time before the turn-in at which it is left, s."""
+NEAR: Final = 60.0
+"""Distance along the circuit at which another is near, m."""
+
+
 class Teacher(ABC):
     """Says what it would do in each row of an environment.
 
@@ -57,12 +70,16 @@ class Teacher(ABC):
         weights: of the cost of an error of each action.
         small: the cost is the square of errors below it and in proportion to those above, so that few large ones do
             not hide many small ones; squares throughout where it is infinite.
+        misleads: whether some actors see at times other than what is, see `imitation.Misled`.
+        longest: decisions after which a ride begins anew.
     """
 
     noise: tuple[float, ...]
     noise_memory: float
     weights: tuple[float, ...]
     small: float = math.inf
+    misleads: bool = False
+    longest: float = math.inf
 
     @abstractmethod
     def begin(self, row: int, rng: np.random.Generator) -> None:
@@ -82,8 +99,10 @@ def teacher_of(env: BatchVecEnv) -> Teacher:
     """Return the teacher of an environment.
 
     Raises:
-        ValueError: a race with a guide.
+        ValueError: a race with a guide, alone.
     """
+    if isinstance(env, RaceVecEnv):
+        return RivalsTeacher(env)
     return PathTeacher(env) if isinstance(env.task, PathTask) else CircuitTeacher(env)
 
 
@@ -127,6 +146,42 @@ class PathTeacher(Teacher):
         return np.clip(self._scale * found, -1.0, 1.0).astype(np.float32)
 
 
+class RivalsTeacher(Teacher):
+    """Holds the lane of its place on the grid where others go to the line, and goes there before it has to turn in.
+
+    Where others are near it asks for the most pace; alone it laps as planned.
+    """
+
+    noise: tuple[float, ...] = (0.1, 0.1)
+    noise_memory = 0.9
+    weights: tuple[float, ...] = (4.0, 1.0)
+
+    def __init__(self, env: RaceVecEnv) -> None:
+        """Take the environment, whose learners lead guides."""
+        assert isinstance(env.task, RaceTask), "its rides are races"
+        self._env, self._task = env, env.task
+        self.longest = env.task.max_steps
+
+    def begin(self, row: int, rng: np.random.Generator) -> None:
+        """Begin a ride; there is nothing to remember."""
+
+    def actions(self) -> NDArray[np.float32]:
+        """Return the answers; see `Teacher`."""
+        found = np.zeros((self._env.num_envs, 2))
+        for part, rows in self._env.rides.each(self._env.batch):
+            interface = part.state.interface
+            seen = np.nan_to_num(seen_of(rows.state, rows.look))
+            for place, env in enumerate(part.envs.tolist()):
+                lane = interface.offsets[place]
+                turn_in = road_ahead(interface.law.plans, place, seen[place, PROGRESS_INPUT], seen[place, SPEED_INPUT])[
+                    2
+                ]
+                held = lane if abs(lane) > LANE and turn_in > MERGE else 0.0
+                near = np.any((rows.opponents[place, :, 0] > 0.0) & (np.abs(rows.opponents[place, :, 1]) < NEAR))
+                found[env] = held / self._task.offset, float(near)
+        return np.clip(found, -1.0, 1.0).astype(np.float32)
+
+
 def told_grip(true: FloatArray, inferred: GripMemory | None) -> tuple[FloatArray, FloatArray]:
     """Return the grip that a teacher leans by, here, and that it plans for, here and shortly ahead, shape (n,) each.
 
@@ -148,6 +203,7 @@ class CircuitTeacher(Teacher):
     noise: tuple[float, ...] = (0.008, 0.06)
     noise_memory = 0.97
     weights: tuple[float, ...] = (10.0, 1.0)
+    misleads = True
 
     def __init__(self, env: BatchVecEnv) -> None:
         """Make a law for each machine of the rows.

@@ -343,12 +343,19 @@ def inside_pace(plans: Plans, row: int, s: float, speed: float, offset: float) -
 
 
 @njit(cache=True)
-def slower_inside(observed: FloatArray, targets: FloatArray, plans: Plans) -> None:
-    """Bound the paces of targets by those of their distances from the line, in place, see `inside_pace`."""
+def slower_inside(observed: FloatArray, targets: FloatArray, room: float, plans: Plans) -> None:
+    """Bound the paces of targets by those of their distances from the line, in place, see `inside_pace`.
+
+    Args:
+        observed: inputs of the law, shape (n, columns of INPUTS).
+        targets: in and out, shape (n, 2).
+        room: pace that the line itself leaves in corners.
+        plans: of the law.
+    """
     for row in range(len(observed)):
         bound = inside_pace(plans, row, observed[row, PROGRESS], max(observed[row, SPEED], 1.0), targets[row, 0])
         if bound < 0.0:
-            targets[row, 1] = min(targets[row, 1], bound)
+            targets[row, 1] = min(targets[row, 1], room + bound)
 
 
 @njit(cache=True)

@@ -64,6 +64,8 @@ HEADWAY: Final = 0.2
 SPACING: Final = 3.6
 """Time behind who is ahead, s, and distance that is added to it at the slowest place ahead, m, from place to place, so
 that no more of it is asked for on the brake; half the time, and the distance here, where that one is being passed."""
+CLOSEST: Final = 0.05
+"""The same time where somebody else decides who is followed, s."""
 FOLLOW_RATE: Final = 0.6
 """Part of the speed that is given up for each second of headway that is missing, 1/s."""
 DROP_BACK: Final = 3.0
@@ -160,7 +162,7 @@ def _decide(
 ) -> None:  # fmt: skip
     speed, s, here = max(observed[SPEED], 1.0), observed[PROGRESS], observed[LATERAL_ERROR]
     planned = max(plan_at(plans, row, P_SPEED, s), 1.0)
-    braking, corner, turn_in, slowest = _road(plans, row, s, speed)
+    braking, corner, turn_in, slowest, _ = road_ahead(plans, row, s, speed)
     asides, ratios = np.zeros(len(others)), np.ones(len(others))
     low, high = _beside(observed, points, others, plans, row, asides, ratios)
     standing = False
@@ -203,7 +205,7 @@ def _decide(
         if (turn_in > 1.0 or lying) and min(apart, abs(asides[k] - memory[_OFFSET])) > ABREAST:
             continue
         headway = 0.5 * HEADWAY + SPACING / speed if passing else HEADWAY + SPACING / slowest
-        pace = min(pace, _behind(others[k, _X], ratios[k], theirs, speed, planned, headway, lying))
+        pace = min(pace, _behind(others[k, _X], ratios[k], theirs, speed, planned, headway, lying, FOLLOW_RATE))
     if side == 0.0:
         wish = _defend(others[_BEHIND], memory, corner, turn_in, wish)
     straight = not braking and turn_in > NEAR
@@ -260,14 +262,26 @@ def _apart(apart: float, rate: float) -> float:
 
 @njit(cache=True)
 def _behind(
-    gap: float, ratio: float, theirs: float, speed: float, planned: float, headway: float, lying: bool
+    gap: float, ratio: float, theirs: float, speed: float, planned: float, headway: float, lying: bool, rate: float
 ) -> float:
-    """Return the pace behind another at a distance (m): that of its speed at the same place, a time (s) behind it."""
+    """Return the pace behind another at a distance (m): that of its speed at the same place, a time (s) behind it.
+
+    It comes nearer, or drops back, at a rate (1/s).
+    """
     if lying:
         free = max(gap - SPACING, 0.0)
         return math.sqrt(theirs**2 + 2.0 * BRAKING * free) / planned - 1.0
-    keep = ratio * (1.0 - FOLLOW_RATE * (headway - gap / speed))
+    keep = ratio * (1.0 - rate * (headway - gap / speed))
     return max(keep, ratio - DROP_BACK / speed) - 1.0
+
+
+@njit(cache=True)
+def _moving_out(gap: float, apart: float, rate: float, ratio: float, speed: float) -> float:
+    """Return the pace of who moves from behind another (m, m/s): clear of it by when it is reached."""
+    out = rate if apart > 0.0 else -rate
+    if out < 0.3:
+        return -1.0
+    return ratio * (1.0 + max(gap - MACHINE - 0.7, 0.0) / (speed * max((CLEAR - abs(apart)) / out, 0.2))) - 1.0
 
 
 @njit(cache=True)
@@ -315,7 +329,10 @@ def guard_targets(
         others, speed, s = opponents[row], max(observed[row, SPEED], 1.0), observed[row, PROGRESS]
         asides, ratios = np.zeros(len(others)), np.ones(len(others))
         low, high = _beside(observed[row], points[row], others, plans, row, asides, ratios)
-        planned, turn_in = max(plan_at(plans, row, P_SPEED, s), 1.0), _road(plans, row, s, speed)[2]
+        planned, (braking, _, turn_in, slowest, until) = (
+            max(plan_at(plans, row, P_SPEED, s), 1.0),
+            road_ahead(plans, row, s, speed),
+        )
         most, wish = rate if turn_in > SETTLED else min(rate, CORNER_RATE), targets[row, 0]
         offsets[row] = _moved(offsets[row], wish, low, high, most, plans, row, s, speed, period)
         targets[row, 0] = offsets[row]
@@ -323,30 +340,38 @@ def guard_targets(
         if turn_in < NEAR:
             targets[row, 1] -= _lost(here - offsets[row])
         for k in range(_BEHIND):
-            if others[k, _SEEN] == 0.0 or others[k, _X] <= 0.0 or _apart(asides[k] - here, others[k, _VY]) > CLEAR:
+            if others[k, _SEEN] == 0.0 or others[k, _X] <= 0.0:
+                continue
+            beside = turn_in > SETTLED or others[k, _X] < MACHINE  # in a corner all who are ahead are in the way
+            if beside and _apart(asides[k] - here, others[k, _VY]) > (CLEARANCE if braking else CLEAR):
                 continue
             theirs = ratios[k] * plan_at(plans, row, P_SPEED, s + others[k, _X])
-            headway = 0.5 * HEADWAY + SPACING / speed
-            pace = _behind(others[k, _X], ratios[k], theirs, speed, planned, headway, theirs < 0.5 * speed)
+            headway = CLOSEST + SPACING / slowest
+            rate = 1.0 / max(until, 1.0 / FOLLOW_RATE) if others[k, _X] > headway * speed else FOLLOW_RATE
+            pace = _behind(others[k, _X], ratios[k], theirs, speed, planned, headway, theirs < 0.5 * speed, rate)
+            if turn_in > SETTLED:
+                pace = max(pace, _moving_out(others[k, _X], asides[k] - here, others[k, _VY], ratios[k], speed))
             targets[row, 1] = min(targets[row, 1], max(pace, SLOWEST - 1.0))
 
 
 @njit(cache=True)
-def _road(plans: Plans, row: int, s: float, speed: float) -> tuple[bool, float, float, float]:
-    """Return whether the plan brakes soon, the side of the next corner, when it begins, s, and the slowest speed, m/s.
+def road_ahead(plans: Plans, row: int, s: float, speed: float) -> tuple[bool, float, float, float, float]:
+    """Return whether the plan brakes soon, and the next corner and slowest place in sight.
 
-    The side is 1 for left, -1 for right, 0 for none in sight.
+    The corner is its side, 1 for left, -1 for right and 0 for none, and the time to its turn-in, s; the slowest place
+    its speed, m/s, and the time to it, s.
     """
-    braking, slowest, corner, turn_in = False, speed, 0.0, math.inf
+    braking, slowest, until, corner, turn_in = False, speed, AHEAD, 0.0, math.inf
     for look in range(LOOKS + 1):
         ahead = AHEAD * look / LOOKS
         place = s + ahead * speed
         planned, bend = plan_at(plans, row, P_SPEED, place), plan_at(plans, row, P_CURVATURE, place)
-        slowest = min(slowest, planned)
+        if planned < slowest:
+            slowest, until = planned, ahead
         braking = braking or (ahead <= NEAR and plan_at(plans, row, P_LONGITUDINAL, place) < -1.0)
         if corner == 0.0 and abs(bend) * planned**2 > LEANT:
             corner, turn_in = math.copysign(1.0, bend), ahead
-    return braking, corner, turn_in, max(slowest, 1.0)
+    return braking, corner, turn_in, max(slowest, 1.0), until
 
 
 @njit(cache=True)

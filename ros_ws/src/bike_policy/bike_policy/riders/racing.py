@@ -93,6 +93,7 @@ class RaceInterface:
     Attributes:
         memory: of the rides.
         references: followed lines of the machines.
+        offsets: distances from the line that a guide is asked for now, m, where they move at a rate, shape (n,).
         observer: of what is measured; observations and commands are made of what it shows.
         wind: observer of the wind; None for policies that keep no grip in reserve.
     """
@@ -127,7 +128,7 @@ class RaceInterface:
             raise ValueError(f"layout {layout.name!r} shows the guide's commands, and there is no guide")
         self._layout, self._action, self._max_steer = layout, action, vehicle.max_steer
         self._period, self._offset_rate = period, action.columns[0].rate
-        self._offsets = np.zeros(count)
+        self.offsets = np.zeros(count)
         adaptive = "grip" in layout.terms
         self._planned = references_of(vehicle)
         if adaptive:
@@ -136,12 +137,12 @@ class RaceInterface:
             )
         self._grip = GripMemory(vehicle, period, count, layout.unseen) if adaptive else None
         self._reflex = ShakeReflex(layout.unseen > 0.0, period, count)
-        self._guide = None
+        self._guide, self._room = None, 0.0
         if action.guided and layout.sees_others:  # it rides the plans of the classical riders that it meets
             base = plan or (lambda line: verified_plan(vehicle, line, CLASSICAL_SETTINGS, period))
-            room = 0.0 if plan is None else PASSING_ROOM  # plans that are verified leave none
+            self._room = 0.0 if plan is None else PASSING_ROOM  # plans that are verified leave none
             self._guide = AdaptiveLaw(
-                vehicle, period, CLASSICAL_SETTINGS, count, lambda line: with_passing_room(base(line), room)
+                vehicle, period, CLASSICAL_SETTINGS, count, lambda line: with_passing_room(base(line), self._room)
             )
         elif action.guided:
             self._guide = AdaptiveLaw(vehicle, period, GUIDE, count, plan)
@@ -162,6 +163,12 @@ class RaceInterface:
     def grip_memory(self) -> GripMemory | None:
         """What is known of the grip; None where neither policy nor guide infers it."""
         return self._grip if self._guide is None else self._guide.memory
+
+    @property
+    def law(self) -> ll.LineLaw:
+        """The law of the guide."""
+        assert self._guide is not None, "its actions are targets of a guide"
+        return self._guide.law
 
     def show(self, plans: Callable[[Course], GripPlans]) -> None:
         """Take references from plans for roads of different grip; by default from the classical rider's first ones."""
@@ -204,7 +211,7 @@ class RaceInterface:
         memory.actions[row] = memory.push[row] = 0.0
         self._reflex.begin(row)
         if self._offset_rate and self._guide is not None:  # it goes to its line from where it is
-            self._offsets[row] = self._guide.law.memory[row, ll.OFFSET] = rows.look[row, LATERAL_ERROR]
+            self.offsets[row] = self._guide.law.memory[row, ll.OFFSET] = rows.look[row, LATERAL_ERROR]
 
     def observe(self, rows: VehicleRows) -> NDArray[np.float32]:
         """Return the observations, shape (n, layout size)."""
@@ -248,15 +255,15 @@ class RaceInterface:
         """Move to the targets at their rate, not into who is beside, nor ride into who is ahead."""
         seen, points = np.nan_to_num(ll.seen_of(rows.state, rows.look)), np.ascontiguousarray(rows.points[:, LINE])
         others = np.ascontiguousarray(rows.opponents)
-        guard_targets(seen, points, others, law.plans, self._offset_rate, self._period, self._offsets, targets)
-        ll.slower_inside(seen, targets, law.plans)
+        guard_targets(seen, points, others, law.plans, self._offset_rate, self._period, self.offsets, targets)
+        ll.slower_inside(seen, targets, self._room, law.plans)
 
     def state_dict(self) -> dict[str, Any]:
         """Return the memory, as arrays."""
         law = {"observer": self.observer.state_dict()} if self._guide is None else self._guide.state_dict()
         inferred = {"reflex": self._reflex.state_dict()}
         inferred |= {} if self._grip is None else {"inferred": self._grip.state_dict()}
-        own = {"offsets": self._offsets.copy()} if self._offset_rate else {}
+        own = {"offsets": self.offsets.copy()} if self._offset_rate else {}
         return {name: getattr(self.memory, name).copy() for name in _STORED} | own | law | inferred
 
     def restore(self, stored: Mapping[str, Any]) -> None:
@@ -264,7 +271,7 @@ class RaceInterface:
         for name in _STORED:
             getattr(self.memory, name)[...] = stored[name]
         if self._offset_rate:
-            self._offsets[...] = stored["offsets"]
+            self.offsets[...] = stored["offsets"]
         if self._guide is None:
             self.observer.restore(stored["observer"])
         else:
