@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bike_policy.planning import racecraft as rc
-from bike_policy.planning.lap_plan import P_CURVATURE, P_LEFT, P_LONGITUDINAL, P_RIGHT, P_SPEED, PLAN
+from bike_policy.planning.lap_plan import P_CURVATURE, P_FASTER, P_LEFT, P_LONGITUDINAL, P_RIGHT, P_SPEED, PLAN
 from bike_policy.planning.line_law import LATERAL_ERROR, PROGRESS, SEEN, SPEED, slower_inside
 from bike_sim.schema import OPPONENT, OPPONENT_SLOTS
 
@@ -31,7 +31,7 @@ def plan_of(turn: float = 1.0) -> Plans:
     table[braking, P_SPEED] = np.sqrt(FAST**2 - 2.0 * BRAKES * (s[braking] - BRAKING_AT))
     table[braking, P_LONGITUDINAL] = -BRAKES
     table[:, P_CURVATURE] = np.where(s < STRAIGHT, 0.0, turn / 45.0)
-    table[:, [P_LEFT, P_RIGHT]] = ROOM
+    table[:, [P_LEFT, P_RIGHT]], table[:, P_FASTER] = ROOM, 0.03
     return table, np.zeros(1, dtype=np.int64), np.array([len(s) - 2]), np.array([SPACING])
 
 
@@ -208,9 +208,19 @@ def test_a_policy_that_is_astray_before_a_corner_is_slowed() -> None:
     assert rider.targets((1.0, 0.02)) == (1.0, 0.02)
     rider.aside = -1.5
     assert rider.targets((1.0, 0.02)) == (1.0, pytest.approx(0.02 - 2.0 * rc.ASTRAY))
+    assert rider.targets((1.0, 0.08)) == (1.0, pytest.approx(0.03 - 2.0 * rc.ASTRAY))  # of what is granted
     far = Rider(400.0)
     far.asked[0], far.aside = 1.0, -1.5
     assert far.targets((1.0, 0.02)) == (1.0, 0.02)
+
+
+@pytest.mark.parametrize(("aside", "slower"), [(8.0, True), (-8.0, True), (1.9, False)])
+def test_a_policy_far_from_its_line_brakes_a_little_earlier(aside: float, slower: bool) -> None:
+    """Shortly before the plan does and no sooner: it crosses the road while it brakes."""
+    for s, soon in ((BRAKING_AT - 30.0, True), (BRAKING_AT - 90.0, False)):
+        rider = Rider(s)
+        rider.asked[0] = rider.aside = aside
+        assert (rider.targets((aside, 0.03))[1] < 0.0) == (slower and soon)
 
 
 @pytest.mark.parametrize("offset", [1.0, 1e-9, 0.0, -1.0])

@@ -26,7 +26,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bike_policy.contract.observation import VehicleRows
-from bike_policy.planning.lap_plan import P_CURVATURE, P_LEFT, P_LONGITUDINAL, P_RIGHT, P_SPEED
+from bike_policy.planning.lap_plan import P_CURVATURE, P_FASTER, P_LEFT, P_LONGITUDINAL, P_RIGHT, P_SPEED
 from bike_policy.planning.line_law import (
     HEADING_ERROR,
     LATERAL_ERROR,
@@ -96,6 +96,11 @@ ESCAPE_TIME: Final = 0.8
 answers the rate of a target too, with a zero at 0.55 rad/s; and otherwise."""
 ASTRAY: Final = 0.04
 """Part of the planned speed that is given up before and in a corner for each m beyond half of one beside the target."""
+WIDE: Final = 2.0
+CROSSING: Final = 0.003
+BRAKES_SOON: Final = 1.0
+"""Distance beside the line beyond which a policy brakes earlier, m: part of the planned speed for each m that is left,
+so long before the plan brakes, s. It has to cross the road while it brakes, with nothing left to brake harder."""
 DRAFT: Final = 0.04
 """Part of the planned speed that is asked beyond it in a wake."""
 DEFENDED: Final = 1.0
@@ -337,8 +342,11 @@ def guard_targets(
         offsets[row] = _moved(offsets[row], wish, low, high, most, plans, row, s, speed, period)
         targets[row, 0] = offsets[row]
         here = observed[row, LATERAL_ERROR]
-        if turn_in < NEAR:
-            targets[row, 1] -= _lost(here - offsets[row])
+        if turn_in < NEAR:  # of what is granted there
+            granted = plan_at(plans, row, P_FASTER, s + turn_in * speed)
+            targets[row, 1] = min(targets[row, 1], granted) - _lost(here - offsets[row])
+        if abs(here) > WIDE and plan_at(plans, row, P_LONGITUDINAL, s + BRAKES_SOON * speed) < -1.0:
+            targets[row, 1] = min(targets[row, 1], -CROSSING * (abs(here) - WIDE))
         for k in range(_BEHIND):
             if others[k, _SEEN] == 0.0 or others[k, _X] <= 0.0:
                 continue
