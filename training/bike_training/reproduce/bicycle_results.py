@@ -113,16 +113,17 @@ def _no_difference(data: Tables, setting: str) -> Verdict:
 
 
 def _part_two(data: Tables) -> Verdict:
-    means = {}
+    found = {}
     for setting in ("prop", "alt2"):
         spans = []
         for _, rows in select(data["validations"], setting=setting).groupby("seed"):
             ends = rows.groupby("part")["step"].max()
             if {1, 2} <= set(ends.index) and ends.index.max() > 2:
                 spans.append(ends[2] - ends[1])
-        means[setting] = float(np.mean(some(spans, "no run of both has passed part 2")))
-    ratio = means["alt2"] / means["prop"]
-    return f"{ratio:.0%}", ratio > 1.5
+        found[setting] = some(spans, "no run of both has passed part 2")
+    ratio, runs = np.mean(found["alt2"]) / np.mean(found["prop"]), [len(spans) for spans in found.values()]
+    text = f"{ratio:.0%} ({runs[0]} and {runs[1]} runs have passed it)"
+    return text, ratio > 1.5 if min(runs) >= MIN_RUNS else None
 
 
 def _few_finish(data: Tables) -> Verdict:
