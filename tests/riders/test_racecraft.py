@@ -248,14 +248,30 @@ def test_a_policy_that_asks_for_the_most_does_not_need_to_brake_harder_than_plan
     assert braking < 1.1 * BRAKES
 
 
+def test_machines_side_by_side_get_what_each_gets_alone() -> None:
+    """Of two that follow others, in either order."""
+    table, first, last, spacing = plan_of()
+    plans = table, np.repeat(first, 2), np.repeat(last, 2), np.repeat(spacing, 2)
+    observed, seen = np.zeros((2, SEEN)), np.zeros((2, len(OPPONENT_SLOTS), len(OPPONENT)))
+    observed[:, [SPEED, PROGRESS]] = (FAST, BRAKING_AT - 30.0), (FAST, 400.0)
+    seen[:, OPPONENT_SLOTS.index("ahead_1")] = (1.0, 12.0, 0.0, -3.0, 0.0), (1.0, 9.0, 0.5, -2.0, 0.4)
+    points = np.zeros((2, 20, 3))
+    points[:, :, 0] = 10.0 * np.arange(20)
+    found = []
+    for order in ([0, 1], [1, 0], [0], [1]):
+        asked, targets = np.zeros(len(order)), np.tile([2.0, 0.03], (len(order), 1))
+        rc.guard_targets(observed[order], points[order], seen[order], plans, RATE, PERIOD, asked, targets)
+        found.append(targets)
+    np.testing.assert_array_equal(found[0], found[1][::-1])
+    np.testing.assert_array_equal(found[0], np.concatenate(found[2:]))
+
+
 def test_before_the_brakes_a_policy_follows_also_who_may_come_over() -> None:
-    """Within the clearance; on an open straight it rides past at less, and in a corner behind all who are ahead."""
-    other = (6.0, 1.4, 0.9 * FAST)
-    for s, apart, follows in ((400.0, 1.4, False), (BRAKING_AT - 30.0, 1.4, True), (BRAKING_AT - 30.0, 2.0, False),
-                              (STRAIGHT + 20.0, 2.0, True)):  # fmt: skip
-        rider = Rider(s, planned(s))
-        _, pace = rider.targets((0.0, 0.03), ahead_1=(other[0], apart, 0.9 * planned(s + other[0])))
-        assert (pace < -0.05) == follows
+    """And in corners; on an open straight it rides past at less."""
+    cases = (400.0, 1.3, False), (BRAKING_AT - 30.0, 1.3, True), (BRAKING_AT - 30.0, 1.5, False), (1520.0, 1.3, True)
+    for s, apart, follows in cases:
+        _, pace = Rider(s, planned(s)).targets((0.0, 0.03), ahead_1=(6.0, apart, 0.9 * planned(s + 6.0)))
+        assert (pace < -0.02) == follows
 
 
 @pytest.mark.parametrize(("s", "rate"), [(400.0, RATE), (STRAIGHT + 20.0, rc.CORNER_RATE)])

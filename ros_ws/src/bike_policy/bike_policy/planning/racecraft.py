@@ -58,6 +58,8 @@ CLEARANCE: Final = 1.8
 """Distance from another machine's middle to that of one that passes it or is beside, m; 0.7 m is a touch."""
 CLEAR: Final = 1.1
 """The same from which on who is being passed is not in the way, m."""
+CLEAR_BRAKING: Final = 1.4
+"""The same before the brakes and in corners, for who follows targets of somebody else, m."""
 ABREAST: Final = 2.5
 """The same from which on nobody ahead on a straight is in the way, m."""
 HEADWAY: Final = 0.2
@@ -334,10 +336,9 @@ def guard_targets(
         others, speed, s = opponents[row], max(observed[row, SPEED], 1.0), observed[row, PROGRESS]
         asides, ratios = np.zeros(len(others)), np.ones(len(others))
         low, high = _beside(observed[row], points[row], others, plans, row, asides, ratios)
-        planned, (braking, _, turn_in, slowest, until) = (
-            max(plan_at(plans, row, P_SPEED, s), 1.0),
-            road_ahead(plans, row, s, speed),
-        )
+        planned = max(plan_at(plans, row, P_SPEED, s), 1.0)
+        braking, _, turn_in, slowest, until = road_ahead(plans, row, s, speed)
+        careful = braking or turn_in < SETTLED  # there is little left
         most, wish = rate if turn_in > SETTLED else min(rate, CORNER_RATE), targets[row, 0]
         offsets[row] = _moved(offsets[row], wish, low, high, most, plans, row, s, speed, period)
         targets[row, 0] = offsets[row]
@@ -350,13 +351,13 @@ def guard_targets(
         for k in range(_BEHIND):
             if others[k, _SEEN] == 0.0 or others[k, _X] <= 0.0:
                 continue
-            beside = turn_in > SETTLED or others[k, _X] < MACHINE  # in a corner all who are ahead are in the way
-            if beside and _apart(asides[k] - here, others[k, _VY]) > (CLEARANCE if braking else CLEAR):
+            if _apart(asides[k] - here, others[k, _VY]) > (CLEAR_BRAKING if careful else CLEAR):
                 continue
             theirs = ratios[k] * plan_at(plans, row, P_SPEED, s + others[k, _X])
-            headway = CLOSEST + SPACING / slowest
-            rate = 1.0 / max(until, 1.0 / FOLLOW_RATE) if others[k, _X] > headway * speed else FOLLOW_RATE
-            pace = _behind(others[k, _X], ratios[k], theirs, speed, planned, headway, theirs < 0.5 * speed, rate)
+            headway = CLOSEST + SPACING / slowest if careful else 0.5 * HEADWAY + SPACING / speed
+            closing = careful and others[k, _X] > headway * speed
+            nearing = 1.0 / max(until, 1.0 / FOLLOW_RATE) if closing else FOLLOW_RATE
+            pace = _behind(others[k, _X], ratios[k], theirs, speed, planned, headway, theirs < 0.5 * speed, nearing)
             if turn_in > SETTLED:
                 pace = max(pace, _moving_out(others[k, _X], asides[k] - here, others[k, _VY], ratios[k], speed))
             targets[row, 1] = min(targets[row, 1], max(pace, SLOWEST - 1.0))
