@@ -78,20 +78,28 @@ def planned(s: float) -> float:
     return float(np.interp(s, SPACING * np.arange(len(PLANNED)), PLANNED))
 
 
-@pytest.mark.parametrize(("slower", "behind"), [(1.0, 25.0), (0.9, 40.0)])
-def test_headway_lets_a_machine_brake_with_the_one_ahead(slower: float, behind: float) -> None:
-    """Behind one that rides the plan or a tenth slower, up to the corner: never nearer than half a machine's length,
-    and no harder on the brake than the plan is."""
-    rider, leader = Rider(400.0), 400.0 + behind
-    rider.plans[0][:, [P_LEFT, P_RIGHT]] = 1.0  # no room to pass
-    pace, gaps, braking = 0.0, [], 0.0
+def follow(
+    rider: Rider, behind: float, slower: float, wanted: tuple[float, float] | None = None
+) -> tuple[list[float], float]:
+    """Ride up to the corner behind a machine that rides a part of the plan; return gaps, m, and hardest braking."""
+    leader, pace, gaps, braking = rider.s + behind, 0.0, [], 0.0
     while leader < STRAIGHT + 100.0:
-        _, wanted = rider.targets(ahead_1=(leader - rider.s, 0.0, slower * planned(leader)))
-        pace += PERIOD / 0.3 * (wanted - pace)
+        _, asked = rider.targets(wanted, ahead_1=(leader - rider.s, 0.0, slower * planned(leader)))
+        pace += PERIOD / 0.3 * (asked - pace)
         before, rider.speed = rider.speed, (1.0 + pace) * planned(rider.s)
         braking = max(braking, (before - rider.speed) / PERIOD)
         rider.s, leader = rider.s + PERIOD * rider.speed, leader + PERIOD * slower * planned(leader)
         gaps.append(leader - rider.s - rc.MACHINE)
+    return gaps, braking
+
+
+@pytest.mark.parametrize(("slower", "behind"), [(1.0, 25.0), (0.9, 40.0)])
+def test_headway_lets_a_machine_brake_with_the_one_ahead(slower: float, behind: float) -> None:
+    """Behind one that rides the plan or a tenth slower, up to the corner: never nearer than half a machine's length,
+    and no harder on the brake than the plan is."""
+    rider = Rider(400.0)
+    rider.plans[0][:, [P_LEFT, P_RIGHT]] = 1.0  # no room to pass
+    gaps, braking = follow(rider, behind, slower)
     assert min(gaps) > 0.5 * rc.MACHINE
     assert braking < 1.2 * BRAKES
     assert gaps[-1] < 30.0  # it does follow
@@ -235,14 +243,7 @@ def test_a_policy_inside_its_corner_loses_the_pace_that_it_costs(offset: float) 
 @pytest.mark.parametrize("slower", [1.0, 0.95])
 def test_a_policy_that_asks_for_the_most_does_not_need_to_brake_harder_than_planned(slower: float) -> None:
     """It has closed up when the corner comes, and not before: on the brake there is little left."""
-    rider, leader, pace, gaps, braking = Rider(400.0), 425.0, 0.0, [], 0.0
-    while leader < STRAIGHT + 100.0:
-        _, wanted = rider.targets((0.0, 0.03), ahead_1=(leader - rider.s, 0.0, slower * planned(leader)))
-        pace += PERIOD / 0.3 * (wanted - pace)
-        before, rider.speed = rider.speed, (1.0 + pace) * planned(rider.s)
-        braking = max(braking, (before - rider.speed) / PERIOD)
-        rider.s, leader = rider.s + PERIOD * rider.speed, leader + PERIOD * slower * planned(leader)
-        gaps.append(leader - rider.s - rc.MACHINE)
+    gaps, braking = follow(Rider(400.0), 25.0, slower, (0.0, 0.03))
     assert min(gaps) > 0.5 * rc.MACHINE
     assert gaps[-1] < 6.0
     assert braking < 1.1 * BRAKES

@@ -18,9 +18,6 @@ from numpy.typing import NDArray
 from bike_policy.contract.observation import LATERAL_ERROR, PROGRESS, SPEED, Rows
 from bike_policy.planning.grip import AdaptiveLaw, GripMemory
 from bike_policy.planning.lap_plan import CLASSICAL_SETTINGS
-from bike_policy.planning.line_law import PROGRESS as PROGRESS_INPUT
-from bike_policy.planning.line_law import SPEED as SPEED_INPUT
-from bike_policy.planning.line_law import seen_of
 from bike_policy.planning.racecraft import road_ahead
 from bike_policy.riders.lqr import LqrRider, LqrSettings
 from bike_sim.vehicles.superbike import Superbike
@@ -170,12 +167,10 @@ class RivalsTeacher(Teacher):
         found = np.zeros((self._env.num_envs, 2))
         for part, rows in self._env.rides.each(self._env.batch):
             interface = part.state.interface
-            seen = np.nan_to_num(seen_of(rows.state, rows.look))
+            places, speeds = np.nan_to_num(rows.look[:, PROGRESS]), np.nan_to_num(rows.look[:, SPEED])
             for place, env in enumerate(part.envs.tolist()):
                 lane = interface.offsets[place]
-                turn_in = road_ahead(interface.law.plans, place, seen[place, PROGRESS_INPUT], seen[place, SPEED_INPUT])[
-                    2
-                ]
+                turn_in = road_ahead(interface.law.plans, place, places[place], speeds[place]).turn_in
                 held = lane if abs(lane) > LANE and turn_in > MERGE else 0.0
                 near = np.any((rows.opponents[place, :, 0] > 0.0) & (np.abs(rows.opponents[place, :, 1]) < NEAR))
                 found[env] = held / self._task.offset, float(near)

@@ -19,7 +19,7 @@ Numbers are estimates.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -363,13 +363,27 @@ def guard_targets(
             targets[row, 1] = min(targets[row, 1], max(pace, SLOWEST - 1.0))
 
 
-@njit(cache=True)
-def road_ahead(plans: Plans, row: int, s: float, speed: float) -> tuple[bool, float, float, float, float]:
-    """Return whether the plan brakes soon, and the next corner and slowest place in sight.
+class Road(NamedTuple):
+    """What the plan asks for ahead.
 
-    The corner is its side, 1 for left, -1 for right and 0 for none, and the time to its turn-in, s; the slowest place
-    its speed, m/s, and the time to it, s.
+    Attributes:
+        braking: whether it brakes within `NEAR`.
+        corner: side of the next corner: 1 left, -1 right, 0 none in sight.
+        turn_in: time to it, s.
+        slowest: speed of the slowest place in sight, m/s.
+        until: time to that place, s.
     """
+
+    braking: bool
+    corner: float
+    turn_in: float
+    slowest: float
+    until: float
+
+
+@njit(cache=True)
+def road_ahead(plans: Plans, row: int, s: float, speed: float) -> Road:
+    """Return the road ahead of a place (m) at a speed (m/s)."""
     braking, slowest, until, corner, turn_in = False, speed, AHEAD, 0.0, math.inf
     for look in range(LOOKS + 1):
         ahead = AHEAD * look / LOOKS
@@ -380,7 +394,7 @@ def road_ahead(plans: Plans, row: int, s: float, speed: float) -> tuple[bool, fl
         braking = braking or (ahead <= NEAR and plan_at(plans, row, P_LONGITUDINAL, place) < -1.0)
         if corner == 0.0 and abs(bend) * planned**2 > LEANT:
             corner, turn_in = math.copysign(1.0, bend), ahead
-    return braking, corner, turn_in, max(slowest, 1.0), until
+    return Road(braking, corner, turn_in, max(slowest, 1.0), until)
 
 
 @njit(cache=True)
