@@ -170,12 +170,12 @@ def test_the_teacher_holds_the_lane_of_the_grid_up_to_the_corner(settings: RunSe
 @pytest.mark.slow
 def test_races_are_imitated(settings: RunSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Rounds of rides among rivals, and an actor that answers more as the teacher does."""
-    monkeypatch.setattr(imitation, "DURATION", 2.0)
+    monkeypatch.setattr(imitation, "DURATION", 5.0)
     monkeypatch.setattr(imitation, "UPDATES", 60)
     small = {"learner.learner": "sbx", "learner.rounds": "3", "task.max_steps": "5"}
     own, losses = replace(settings, preset=settings.preset.changed(small)), []
     imitate(own, tmp_path, lambda rounds: losses.append(rounds.loss))
-    assert losses[-1] < 0.5 * losses[0]
+    assert losses[-1] < 0.1 * losses[0]
     assert (tmp_path / IMITATED).is_file()
 
 
