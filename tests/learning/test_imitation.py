@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from safetensors.numpy import load_file
 
 from bike_policy.contract.bundle import Actor
@@ -27,7 +29,7 @@ from bike_training.learning.presets import Preset, load_preset
 from bike_training.learning.process import LearningProcess, make_environment
 from bike_training.learning.process import imitate as imitate_first
 from bike_training.learning.run_settings import IMITATED, RunSettings
-from bike_training.learning.teachers import LATERAL, teacher_of, told_grip
+from bike_training.learning.teachers import LATERAL, gentleness, teacher_of, told_grip
 from bike_training.tasks.path import PathTask
 from bike_training.tasks.race import RaceState
 
@@ -200,23 +202,15 @@ def slower_plan(line: Course) -> LinePlan:
     return plan_line(on_grip(load_superbike(VEHICLE), 0.67), line, CLASSICAL_SETTINGS)
 
 
-@pytest.mark.parametrize(
-    ("ranges", "lateral"),
-    [
-        (RideRanges((2.0, 2.0), PathRanges(50.0, 50.0, 60.0, 60.0, 1.0, 1.0), perturb=False), max(LATERAL)),
-        (RideRanges((7.0, 7.0), PathRanges(3.0, 3.0, 6.0, 6.0, 4.0, 4.0), perturb=False), LATERAL[2]),
-    ],
-)
-def test_the_teacher_of_paths_is_stiff_where_it_is_straight_and_gentle_where_it_bends(
-    bicycle: Preset, ranges: RideRanges, lateral: float
-) -> None:
+def test_the_teacher_of_paths_is_stiff_on_a_straight(bicycle: Preset) -> None:
     own = RunSettings(bicycle, "whipple")
+    ranges = RideRanges((2.0, 2.0), PathRanges(50.0, 50.0, 60.0, 60.0, 1.0, 1.0), perturb=False)
     with closing(make_environment(own, own.preset.task, ranges)) as env:
         assert isinstance(env, BatchVecEnv)
         assert isinstance(env.task, PathTask)
         env.reset()
         teacher, batch = teacher_of(env), env.batch
-        rider, compared = LqrRider(LqrSettings(lateral=lateral)), 0
+        rider, compared = LqrRider(LqrSettings(lateral=max(LATERAL))), 0
         for row in range(batch.count):
             teacher.begin(row, np.random.default_rng(0))
         taught = teacher.actions()[:, 0] * env.task.max_steer / batch.vehicle.max_steer
@@ -226,6 +220,23 @@ def test_the_teacher_of_paths_is_stiff_where_it_is_straight_and_gentle_where_it_
                 assert taught[row] == pytest.approx(rider.steering(batch.look[row], batch.state[row]), abs=1e-6)
                 compared += 1
         assert compared > 0
+
+
+@given(st.floats(0.0, 2.0), st.floats(0.0, 0.1), st.floats(1.0, 10.0), st.floats(0.0, 3.0), st.floats(0.0, 0.1))
+def test_it_is_the_gentler_the_farther_from_the_line_and_the_sharper_it_bends(
+    distance: float, farther: float, speed: float, bends: float, sharper: float
+) -> None:
+    place = gentleness(distance, speed, bends)
+    assert place <= gentleness(distance + farther, speed, bends)
+    assert place <= gentleness(distance, speed, bends + sharper)
+    assert 0.0 <= place <= len(LATERAL) - 1
+
+
+def test_it_tells_a_push_from_a_hairpin() -> None:
+    """As far aside, it is the gentlest rider where pushes throw down, and no gentler than the LQR where hairpins do."""
+    assert gentleness(0.15, 2.5, 0.0) == len(LATERAL) - 1
+    assert LATERAL[int(gentleness(0.15, 4.0, 0.9))] == LqrSettings().lateral
+    assert gentleness(0.15, 6.0, 0.0) == len(LATERAL) - 1
 
 
 def test_the_teacher_rides_on_no_more_grip_than_there_is_and_than_can_be_known() -> None:

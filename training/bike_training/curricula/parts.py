@@ -67,8 +67,10 @@ SLOW_AND_SHARP: Final = RideRanges((1.8, 3.0), FAST_AND_SHARP.paths)
 WIDE: Final = RideRanges((1.8, 7.3), PathRanges(8.0, 50.0, 20.0, 60.0, 1.0, 8.0))
 """Gentle bends as well, as those of circuits scaled down. Not from the paper."""
 TIGHT: Final = (
-    RideRanges((1.8, 3.5), PathRanges(2.5, 8.0, 8.0, 14.0, 1.0, 3.0)),
-    RideRanges((3.0, 5.5), PathRanges(4.0, 9.0, 10.0, 16.0, 1.0, 3.0)),
+    RideRanges((1.8, 3.2), PathRanges(1.8, 8.0, 6.0, 14.0, 1.0, 3.0)),
+    RideRanges((3.0, 4.4), PathRanges(2.5, 8.0, 8.0, 14.0, 1.0, 3.0)),
+    RideRanges((4.2, 5.6), PathRanges(3.8, 9.0, 10.0, 16.0, 1.0, 3.0)),
+    RideRanges((5.4, 7.1), PathRanges(6.8, 12.0, 11.0, 18.0, 1.5, 5.0)),
 )
 """Hairpins as those of such circuits. Not from the paper."""
 REFINEMENT: Final = RideRanges((1.8, 7.3), PathRanges(7.5, 14.0, 11.0, 22.0, 2.0, 8.0), (FAST_AND_SHARP,))

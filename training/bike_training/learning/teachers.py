@@ -40,12 +40,16 @@ RIDDEN_ERROR: Final = 0.015
 LATERAL: Final = (16.0, 4.0, 1.0, 0.1)
 """Weights of the lateral error of the riders of paths: the first one rides nearest to the line. Far from it, with more
 than 0.1, they lean beyond 45 degrees where a ride begins perturbed in a sharp bend from 5.5 m/s on, or after a push."""
-ASIDE: Final = (0.005, 0.02, 0.05, 0.15)
-"""Distances from the line at which each of them rides alone, m."""
-HARD: Final = ((0.3, 0.5, 0.7), (0.0, 0.02, 0.05))
-"""Tangents of the lean that the line ahead asks for, and the distance from the line, m, as from which it is ridden at
-least: nearest to it, the first rider falls in hairpins of 3 m that the third one rides."""
-HARD_AHEAD: Final = 1.5
+ASIDE: Final = ((0.005, 0.02, 0.05, 0.055, 0.15), (0.005, 0.02, 0.05, 0.3, 0.8))
+RIDERS: Final = (0.0, 1.0, 2.0, 2.0, 3.0)
+"""Distances from the line, m, in two rows, and which rider rides there."""
+HAIRPINS: Final = ((2.7, 3.2, 5.0, 5.6), (0.0, 1.0, 1.0, 0.0))
+"""Speeds, m/s, and how much the second row counts there. Far from the line the third rider falls after pushes
+when it is slower, and on rides that begin perturbed when it is faster; between, hairpins leave such distances."""
+BENDS: Final = ((0.3, 0.6, 0.9, 1.2), (0.0, 1.0, 2.0, 2.4))
+"""Tangents of the lean that the line ahead asks for, and the gentlest rider that it is ridden by: nearest to it, the
+first one falls in hairpins."""
+AHEAD: Final = 1.5
 """Time for which it looks ahead for them, s."""
 
 
@@ -55,6 +59,19 @@ MERGE: Final = 1.5
 """Time before the turn-in at which it is left, s."""
 NEAR: Final = 60.0
 """Distance along the circuit at which another is near, m."""
+
+
+def gentleness(distance: float, speed: float, bends: float) -> float:
+    """Return which of the riders of paths rides, between two of them a mean of both.
+
+    Args:
+        distance: from the line, m.
+        speed: m/s.
+        bends: largest tangent of the lean that the line ahead asks for.
+    """
+    hairpins = np.interp(speed, *HAIRPINS)
+    distances = (1.0 - hairpins) * np.array(ASIDE[0]) + hairpins * np.array(ASIDE[1])
+    return float(max(np.interp(distance, distances, RIDERS), np.interp(bends, *BENDS)))
 
 
 class Teacher(ABC):
@@ -120,7 +137,7 @@ class PathTeacher(Teacher):
             for rider, first in zip(riders, self._riders[0], strict=True):
                 rider.designs = first.designs
         self._preview = env.task.preview
-        self._ahead = round(HARD_AHEAD / env.batch.config.control_period)
+        self._ahead = round(AHEAD / env.batch.config.control_period)
 
     def begin(self, row: int, rng: np.random.Generator) -> None:
         """Begin a ride; see `Teacher`."""
@@ -135,11 +152,10 @@ class PathTeacher(Teacher):
             look, state = self._batch.look[row], self._batch.state[row]
             if np.isfinite(look.sum() + state.sum()):
                 bends = np.abs(riders[0].ahead(look, self._ahead)).max() * look[SPEED] ** 2 / self._batch.vehicle.g
-                aside = max(abs(look[LATERAL_ERROR]), np.interp(bends, *HARD))
-                first = int(np.searchsorted(ASIDE[1:-1], aside, side="right"))
-                both = slice(first, first + 2)
-                answers = [rider.steering(look, state) for rider in riders[both]]
-                found[row] = np.interp(aside, ASIDE[both], answers)
+                place = gentleness(abs(look[LATERAL_ERROR]), look[SPEED], bends)
+                first = min(int(place), len(riders) - 2)
+                near, gentle = (rider.steering(look, state) for rider in riders[first : first + 2])
+                found[row] = near + (place - first) * (gentle - near)
         return np.clip(self._scale * found, -1.0, 1.0).astype(np.float32)
 
 
