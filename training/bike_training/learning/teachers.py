@@ -51,8 +51,6 @@ BENDS: Final = ((0.3, 0.6, 0.9, 1.2), (0.0, 1.0, 2.0, 2.4))
 first one falls in hairpins."""
 AHEAD: Final = 1.5
 """Time for which it looks ahead for them, s."""
-
-
 LANE: Final = 1.5
 """Least distance from the line that is held as a lane, m."""
 MERGE: Final = 1.5
